@@ -387,6 +387,7 @@ SHAKEN = pp.Chain(pp.Pipe(0.2, 3.0, damping=0.01), 2)
 HINGES = pp.Chain(HINGED, 5)
 PLANE = pp.StartPlane(np.array([-0.1, 0.2]), np.array([-0.2, 0.1]))
 ENDS = pp.attractors(FLUTTER, SPEED, PLANE)
+SPACE = pp.Chain(pp.Pipe(0.2), 3, dimensions=3)
 PUMP, SHAKER = pp.Pulsation(2.0, 0.3, 25.0), pp.Harmonic(0.01, 25.0)
 SHAKES = pp.forced_response(SHAKEN, 1.0, base=SHAKER, frequencies=(20.0, 30.0))
 PUSH = pp.Force(at=0.7, frequency=25.0, amplitude=0.1)
@@ -489,14 +490,16 @@ FLOWS = Kind(
         *map(one_of, (lambda t: 1.0 - 20.0 * t, lambda t: True, lambda t: np.zeros(2))),
     ),
 )
+ASTIR = pp.Harmonic(0.1, 3.0, (1, 0, -1j))
 SHAKERS = Kind(
     one_of(
         *(None, SHAKER, pp.Harmonic(0.1, 3.0, "y"), lambda t: (0.1 * t, np.float64(0.2))),
+        pp.Harmonic(0.1, 3.0, (1.0, 2.0, 0.0)),
         (lambda t: (t**2, 0), lambda t: (2 * t, 0), lambda t: [2, 0]),
     ),
     any_of(
         *(*NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE),
-        listed(1.0, [1.0, 2.0], (SHAKER,), (SHAKER, SHAKER), (SHAKER, None, 3.0), PUMP),
+        listed(1.0, [1.0, 2.0], (SHAKER,), (SHAKER, SHAKER), (SHAKER, None, 3.0), PUMP, ASTIR),
         *map(listed, (lambda t: 0.1, lambda t: (t,), lambda t: (t, t, t), lambda t: (NAN, 0.0))),
         *map(listed, (lambda t: "ab", lambda t: None, lambda t: (1j, 0), lambda t: "12")),
         *map(listed, (lambda t: (0, INF if t > 0.09 else 0), lambda t: ((0, 0), (0, 0)))),
@@ -515,6 +518,14 @@ NO_FORCE = any_of(
 FORCES = Kind(
     one_of(None, PUSH, [PUSH, pp.Force(lambda s, t: s * t)], (pp.Force(lambda t: (t, 1), 0.5),)),
     NO_FORCE,
+)
+SHAKERS_IN_SPACE = Kind(
+    one_of(None, SHAKER, ASTIR, pp.Harmonic(0.1, 3.0, "z"), lambda t: (0.1 * t, 0, t**2)),
+    listed(*((lambda t: (t, t)), (lambda t: (t, t, NAN)), (lambda t: 0.1), 3.0, PUMP)),
+)
+FORCES_IN_SPACE = Kind(
+    one_of(None, PUSH, [PUSH, pp.Force(lambda s, t: s * t)], pp.Force(lambda t: (t, 1, 2), 0.5)),
+    listed(pp.Force(lambda t: (1.0, 2.0), 1.0), pp.Force(lambda s, t: np.ones((len(s), 2)))),
 )
 IN_SI = pp.Force.from_si(HOSE, lambda x, t: 0.01 * x * t)
 FORCES_IN_SI = Kind(
@@ -1223,6 +1234,9 @@ def _motions() -> Iterator[Target]:
     for tag, model in (("chain", CHAIN), ("supported", pp.Galerkin(HINGED, 3))):
         driven = partial(pp.simulate, model, duration=0.1, q0=bend, samples=3)
         yield target(driven, f"simulate[{tag}, driven]", u=FLOWS, base=SHAKERS, force=FORCES)
+    driven = partial(pp.simulate, SPACE, duration=0.1, samples=3)
+    in_space = {"base": SHAKERS_IN_SPACE, "force": FORCES_IN_SPACE}
+    yield target(driven, "simulate[space, driven]", u=FLOWS, **in_space)
     speeds = array(2, (0.0, 3.0), (-1.0, 1e9), any_size=True)
     yield target(
         lambda **given: pp.simulate_many(
@@ -1262,7 +1276,7 @@ def _motions() -> Iterator[Target]:
     )
     onset = {"crossing": optional(of(CROSSING)), "friction": optional(real((0.5, 9.0), 0.0))}
     yield target(pp.hopf, slow=True, model=flutter, **onset)
-    space, sagging = (pp.Chain(pipe, 3, dimensions=3) for pipe in (pp.Pipe(0.2), SAGGING))
+    space, sagging = SPACE, pp.Chain(SAGGING, 3, dimensions=3)
     whirling = Kind(one_of(space), any_of(MOVING.bad, one_of(FLUTTER, EVERY["uneven space"])))
     yield target(pp.rotating_motion, slow=True, model=whirling, u=beyond)
     yield target(space.bent, angle=FUNCTION, across=optional(FUNCTION))
@@ -1499,7 +1513,9 @@ def _driven() -> Iterator[Target]:
     yield target(pp.RootSpring, stiffness=real((0.0, 9.0), -0.1))
     yield target(pp.Pulsation, mean=U, amplitude=real((-1.0, 1.0), -1.1, 1.1), frequency=frequency)
     size = real((-0.1, 0.1))
-    yield target(pp.Harmonic, amplitude=size, frequency=frequency, direction=word("x", "y"))
+    given = any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, one_of(3, (1.0, 2.0), (0, 0, 0), (NAN, 1, 1)))
+    direction = Kind(one_of("x", "y", "z", (1, 0, -1j), [0.5, 2.0, 1.0]), sure(given, "out", 3))
+    yield target(pp.Harmonic, amplitude=size, frequency=frequency, direction=direction)
     positive = real((0.1, 3.0), 0.0, 1e300)
     si = {"pipe": of(MEASURED), "frequency": positive}
     yield target(pp.Pulsation.from_si, **si, mean=real((0.0, 3.0), -0.1, 1e300), amplitude=size)
@@ -1556,6 +1572,14 @@ def _driven() -> Iterator[Target]:
         direction=word("x"),
         tolerance=real((1e-3, 1e-2), 0.0, 1.0),
     )
+    leaning = pp.Chain(pp.Pipe(0.2, 3.0, damping=0.05, inclination=0.5), 3, dimensions=3)
+    yield target(
+        partial(pp.frequency_response, frequencies=[1.0, 9.0]),
+        "frequency_response[space]",
+        model=of(SPACE, leaning),
+        u=real((0.0, 2.0), -0.1, 1e300),
+        direction=word("x", "y", "z"),
+    )
     yield target(
         pp.forced_response,
         slow=True,
@@ -1563,6 +1587,16 @@ def _driven() -> Iterator[Target]:
         model=Kind(one_of(SHAKEN, HINGES, bent), unsuitable),
         u=real((1.0, 2.0), -0.1, 1e300),
         base=of(SHAKER),
+        frequencies=frequencies,
+    )
+    yield target(
+        pp.forced_response,
+        "[space]",
+        slow=True,
+        called=refused,
+        model=Kind(one_of(pp.Chain(SHAKEN.pipe, 2, dimensions=3)), unsuitable),
+        u=real((1.0, 2.0), -0.1, 1e300),
+        base=Kind(one_of(SHAKER, ASTIR, pp.Harmonic(0.01, 25.0, "z")), of(SHAKER).bad),
         frequencies=frequencies,
     )
     never = listed(pp.Force(lambda t: 1.0, 1.0), pp.Force(None, 0.7, 25.0, 0.0), [PUSH])

@@ -49,9 +49,9 @@ def state_of(model):
     return np.concatenate([q, 0.5 * np.abs(q).max() * random.normal(size=q.size)])
 
 
-def driven(model, applied, t):
+def driven(model, applied, t, dimensions=2):
     """The model with the forces and their drive at a time."""
-    numbers = AppliedForces(applied, np.linspace(0.0, 2.0, 9))
+    numbers = AppliedForces(applied, np.linspace(0.0, 2.0, 9), dimensions)
     return model.with_applied(numbers.laws), np.concatenate([np.zeros(ROWS), numbers(t)])
 
 

@@ -382,7 +382,7 @@ PULSE, RANGE = pp.Pulsation(5.0, 0.1, 3.0), "frequencies must be a range (low, h
     [
         ({}, TypeError, "base must be a Harmonic or u a Pulsation, got None"),
         ({"base": pp.Harmonic(0.0, 3.0)}, ValueError, "base must move, got an amplitude of 0"),
-        ({"base": pp.Harmonic(0.1, 3.0, "y")}, ValueError, "base must move along x"),
+        ({"base": pp.Harmonic(0.1, 3.0, "z")}, ValueError, "base must stay in the plane of x and"),
         ({"u": pp.Pulsation(5.0, 0.0, 3.0)}, ValueError, "u.amplitude must be between 0 and 1"),
         ({"u": PULSE, "base": BASE}, ValueError, "base must not be given where the flow pulsates"),
         ({"base": BASE, "frequencies": (0.0, 3.0)}, ValueError, "frequencies must have low > 0"),

@@ -25,6 +25,7 @@ CALLED_WITH_CHECKED |= {"as_of_si", "components", "largest_angle", "with_applied
 CALLED_WITH_CHECKED |= {"law_numbers", "motion_jacobian", "motion_linearised", "motion_rates"}
 CALLED_WITH_CHECKED |= {"quarter_turn"}
 CALLED_WITH_CHECKED |= {"onto_constraints", "rate", "require_equilibrium", "sampled", "to_user"}
+CALLED_WITH_CHECKED |= {"require_dimensions"}
 CALLED_WITH_CHECKED |= {"unbalanced", "velocity", "weight_in"}
 """Methods that integrators and searches call, with what they have checked."""
 

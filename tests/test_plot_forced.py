@@ -123,6 +123,35 @@ def test_forced_motions_are_drawn_with_their_folds():
     assert ax.get_xlim() == (15.0, 26.0)
 
 
+def test_motions_out_of_a_plane_are_drawn_with_their_amplitude_across():
+    model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.001), 3, dimensions=3)
+    base = pp.Harmonic(0.01, 5.0)
+    found = pp.forced_response(model, 0.1, base=base, frequencies=(5.1, 5.21))
+    ax = plot.forced_response(found, ax=axes())
+    away = found.branches[1]
+    across = [line.get_xydata() for line in ax.lines if line.get_label().startswith("across")]
+    drawn = np.concatenate(across)
+    known = np.stack([away.frequency, away.amplitude_across], axis=1)
+    assert np.abs(drawn[:, None] - known).max(axis=2).min(axis=0).max() < 1e-12
+    assert {"out of plane, stable", "across, stable", "pitchfork"} <= set(legend_of(ax))
+    assert ax.get_xlim() == (5.1, 5.21)
+
+
+def test_a_response_across_a_plane_says_so():
+    bent = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.05, inclination=1.2), 3, dimensions=3)
+    labels = [
+        plot.frequency_response(
+            pp.frequency_response(bent, 1.0, (1.0, 9.0), direction=direction), ax=axes()
+        )
+        .get_ylabel()
+        .replace("\n", " ")
+        for direction in "xyz"
+    ]
+    ends = "free end / base|", "free end / base along $y$|", "free end along $z$ / base|"
+    for label, end in zip(labels, ends, strict=True):
+        assert label == f"|displacement of the {end}"
+
+
 def test_branches_of_each_kind_look_like_the_legend_says_and_kinds_differ_in_grey():
     forced = pp.forced_response(
         pp.Chain(pp.Pipe(0.2, damping=0.003), 2), pp.Pulsation(3.0, 0.6, 12.0), frequencies=(2, 12)

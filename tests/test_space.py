@@ -362,12 +362,8 @@ def test_only_two_and_three_dimensions_exist(dimensions):
         pp.Chain(pp.Pipe(0.2), 4, dimensions=dimensions)
 
 
-def test_questions_that_need_a_plane_name_the_planar_chain():
+def test_circular_motions_are_those_of_models_in_space():
     chain = pp.Chain(pp.Pipe(0.2), 4, dimensions=3)
-    with pytest.raises(ValueError, match=r"must move in a plane .* take its \.planar"):
-        pp.forced_response(chain, pp.Pulsation(5.0, 0.1, 10.0))
-    with pytest.raises(ValueError, match="force must be None in three dimensions"):
-        pp.simulate(chain, 3.0, 1.0, force=pp.Force(np.sin, at=1.0))
     with pytest.raises(ValueError, match="model must move in three dimensions"):
         pp.rotating_motion(chain.planar, 6.0)
     with pytest.raises(pp.NotConverged, match="no circular motion was found at u = 3"):

@@ -28,20 +28,24 @@ namespace {
 
 using FlowsAt = std::function<void(const Vector& t, const std::vector<Index>& which, Flows& flows)>;
 
-/// A flow speed mean (1 + part cos(frequency t)) and a base that moves as (x, y) cos(own t).
-/// numbers: (mean, part, frequency, x, y, own).
+/// A flow speed mean (1 + part cos(frequency t)) and a base at a cos(own t) - b sin(own t).
+/// numbers: (mean, part, frequency, own, *a, *b), with three components of a and of b.
 FlowsAt oscillating(const py::tuple& numbers) {
-  const auto [mean, part, frequency, x, y, own] = numbers.cast<std::array<double, 6>>();
+  const auto all = numbers.cast<std::array<double, 10>>();
   return [=](const Vector& t, const std::vector<Index>&, Flows& flows) {
+    const auto [mean, part, frequency, own] = std::tie(all[0], all[1], all[2], all[3]);
     flows.u = mean * (1.0 + part * (frequency * t.array()).cos());
     flows.drive.resize(Drive::rows, t.size());
     flows.drive.row(0) = -(mean * part * frequency) * (frequency * t.array()).sin();
     const Eigen::RowVectorXd cosine = (own * t.array()).cos(), sine = (own * t.array()).sin();
-    for (const Index k : {0, 1}) {
-      const double along = k == 0 ? x : y;
-      flows.drive.row(Drive::position + k) = along * cosine;
-      flows.drive.row(Drive::velocity + k) = -(along * own) * sine;
-      flows.drive.row(Drive::acceleration + k) = -(along * own * own) * cosine;
+    for (const Index k : {0, 1, 2}) {
+      const double a = all[4 + k], b = all[7 + k];
+      const auto row = [&](Index of_x, Index of_z) {
+        return flows.drive.row(k < 2 ? of_x + k : of_z);
+      };
+      row(Drive::position, Drive::position_z) = a * cosine - b * sine;
+      row(Drive::velocity, Drive::velocity_z) = -own * (a * sine + b * cosine);
+      row(Drive::acceleration, Drive::acceleration_z) = own * own * (b * sine - a * cosine);
     }
   };
 }

@@ -261,17 +261,20 @@ void define_orbits(py::module_& m) {
       .def(
           "change",
           [](const LinearisedOrbit& of, const Vector& phase, double shift, const Vector& row,
-             double gap, double share) {
+             double gap, double share, const Vector& turn) {
             const Index size = of.unknowns();
             if (phase.size() != size || row.size() != size || of.span.known.cols() == 0) {
               throw py::value_error("phase and row must hold " + std::to_string(size) +
                                     " numbers, and equations must have loads");
             }
-            std::optional<Vector> found = of.change(phase, shift, row, gap, share);
+            if (turn.size() != 0 && turn.size() != of.span.first.rows()) {
+              throw py::value_error("turn must be empty or hold a state's numbers");
+            }
+            std::optional<Vector> found = of.change(phase, shift, row, gap, share, turn);
             if (!found) refuse_singular();
             return *std::move(found);
           },
-          "phase"_a, "shift"_a, "row"_a, "gap"_a, "share"_a);
+          "phase"_a, "shift"_a, "row"_a, "gap"_a, "share"_a, "turn"_a = Vector());
   py::class_<NearestPoint>(m, "NearestPoint")
       .def(py::init<Matrix>(), "points"_a)
       .def("__call__", &nearest_points, "states"_a, "most"_a);

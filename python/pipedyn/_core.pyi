@@ -733,6 +733,7 @@ class LinearisedOrbit:
         row: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         gap: typing.SupportsFloat | typing.SupportsIndex,
         share: typing.SupportsFloat | typing.SupportsIndex,
+        turn: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def restored(
         self,

@@ -51,6 +51,7 @@
 #pragma once
 
 #include "pipedyn/chain/sweeps.hpp"
+#include "pipedyn/terms/applied_force.hpp"
 #include "pipedyn/terms/space.hpp"
 
 namespace {
@@ -176,6 +177,11 @@ void solve_symmetric(const Number* factor, Count rows, Number* b) {
 
 // --------------------------------------------------------------------------------------- states
 
+/// Whether a batch has a row of a drive; if not, the row is 0.
+inline bool drives(const Batch& batch, Count row) {
+  return batch.drive != nullptr && row < batch.drive_rows;
+}
+
 /// A block of states of the motion in space as the recursion reads them: rows of [a_x (n), a_z (n),
 /// a_x' (n), a_z' (n)].
 template <class Real>
@@ -189,7 +195,8 @@ struct States {
   /// Sign of segment j in its chart.
   Real chart(Count j) const { return members.read_row(members.batch.charts, j); }
   Real driven(Count k) const {
-    return members.batch.drive == nullptr ? Real{} : members.read_row(members.batch.drive, k);
+    const Batch& of = members.batch;
+    return drives(of, k) ? members.read_row(of.drive, k) : Real{};
   }
 };
 
@@ -211,7 +218,7 @@ struct Seeded {
   Number speed() const { return seeded(batch.u[member * batch.u_step], rows); }
   Real chart(Count j) const { return all<Real>(batch.charts[j * batch.members + member]); }
   Number driven(Count k) const {
-    return constant<Number>(batch.drive == nullptr ? 0.0 : batch.drive[k * batch.members + member]);
+    return constant<Number>(drives(batch, k) ? batch.drive[k * batch.members + member] : 0.0);
   }
 };
 
@@ -232,6 +239,18 @@ struct SpatialDrive {
     acceleration = vector(Drive::acceleration, Drive::acceleration_z);
   }
 };
+
+/// A law as it acts on a pipe in space at a time: an applied force is made from rows(k), row k of
+/// the drive.
+template <class Number, class Law, class Rows>
+auto acting_in_space(const Law& law, double s, const Rows& rows) {
+  if constexpr (Law::applied) {
+    const auto row = [&](std::ptrdiff_t k) { return rows.driven(pipedyn::Drive::rows + k); };
+    return AppliedNow<Number>(law, s, row, true);
+  } else {
+    return law;
+  }
+}
 
 /// A direction of the pipe in space and how it turns.
 template <class Number>
@@ -450,8 +469,9 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     for (; term != last_term && term->segment == j; ++term) {
       const double arm = term->arm, weight = term->weight;
       const SpatialStation<Number> place = here.station(r, velocity, arm);
-      Laws::with(term->term, [&]<class Law>(const Law& law) {
+      Laws::with(term->term, [&]<class Law>(const Law& of) {
         if constexpr (!Law::moves) return;
+        const auto law = acting_in_space<Number>(of, term->term.at, rows);
         const auto at = seen_by(law, place, drive.position, drive.velocity);
         const SpatialLoad<Number> load = law.load_in_space(at);
         act(weight * load.force, arm);

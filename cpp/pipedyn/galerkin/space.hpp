@@ -296,7 +296,8 @@ struct SpatialBlock {
       power.base = power.base - act(p, drag);
       power.drag = power.drag + dot(drag, moving);
     }
-    for_each_station([&](const auto& law, const SpatialStation<Number>& seen, Count p, double w) {
+    for_each_station([&](const auto& of, const SpatialStation<Number>& seen, Count p, double w) {
+      const auto law = acting_in_space<Number>(of, grid.place[p], rows);
       const SpatialLoad<Number> load = law.load_in_space(seen);
       act(p, w * load.force);
       power.base = power.base + w * base_power(law, seen, load, drive.velocity);
@@ -486,7 +487,7 @@ struct BlockStates {
 
   Real row(Count j) const { return at<Real>(batch.y, j); }
   Real speed() const { return load<Real>(batch.u); }
-  Real driven(Count k) const { return batch.drive == nullptr ? Real{} : at<Real>(batch.drive, k); }
+  Real driven(Count k) const { return drives(batch, k) ? at<Real>(batch.drive, k) : Real{}; }
 };
 
 template <class Number, class Rows, class Body>

@@ -214,7 +214,7 @@ Matrix LinearisedOrbit::restored(const Matrix& ends, const Matrix& loads) const 
 }
 
 std::optional<Vector> LinearisedOrbit::change(const Vector& phase, double shift, const Vector& row,
-                                              double gap, double share) const {
+                                              double gap, double share, const Vector& turn) const {
   // Conditions on the phase and on row . z involve all unknowns, so that three solutions which meet
   // simpler conditions on the first state and the last two unknowns are combined.
   const Index n = n_, half = n / 2, right = 3, columns = n + 2 + right;
@@ -222,6 +222,9 @@ std::optional<Vector> LinearisedOrbit::change(const Vector& phase, double shift,
   system.topLeftCorner(n, n) = span.first + mirror_sign_ * span.last;
   system.block(0, n, n, 2) = -span.known.rightCols(2);
   system.col(n + 2).head(n) = share * span.known.col(0);
+  // A combination of the equations is 0 on both sides: their sum with this condition, times a
+  // vector that the combination does not lose, holds where both do.
+  if (turn.size() > 0) system.topLeftCorner(n, n) += turn * turn.transpose();
   system.row(n).head(n + 2) = across_.transpose();
   system(n, n + 3) = 1.0;
   auto condition = system.row(n + 1);

@@ -2,8 +2,8 @@
 //
 // Forces of the user's own that vary in time, fixed in direction: at one place, or per length all
 // along the pipe as a polynomial sum_k c_k T_k(2 s - 1) in Chebyshev polynomials of the arc length
-// s. What is known at a time, the components (x, y) of each c_k, stands in the drive of a batch,
-// two rows for each, behind the motion of the base.
+// s. What is known at a time, the components (x, y, z) of each c_k, stands in the drive of a batch,
+// three rows for each, behind the motion of the base. Planar models do not read z.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"
@@ -14,7 +14,6 @@ namespace {
 struct AppliedForce : NoLaw {
   static constexpr const char* name = "applied_force";
   static constexpr bool applied = true;
-  static constexpr bool exists_in_space = false;
   std::ptrdiff_t first, count = 1;  // of the coefficients in the drive
 
   explicit AppliedForce(const pipedyn::Term& term)
@@ -34,27 +33,32 @@ struct AppliedLoad : AppliedForce {
 /// An applied force at one time and place, as a law.
 template <class Real>
 struct AppliedNow : NoLaw {
-  Real x{}, y{};
+  Real x{}, y{}, z{};
 
   /// row(k): row k of the drive behind the motion of the base. Clenshaw's recurrence.
   template <class Row>
-  AppliedNow(const AppliedForce& law, double s, const Row& row) {
+  AppliedNow(const AppliedForce& law, double s, const Row& row, bool in_space = false) {
     const double t = 2.0 * s - 1.0;
     const auto sum = [&](int component) {
       Real next{}, beyond{};
       for (std::ptrdiff_t k = law.count - 1; k > 0; --k) {
-        const Real own = row(2 * (law.first + k) + component) + (2.0 * t) * next - beyond;
+        const Real own = row(3 * (law.first + k) + component) + (2.0 * t) * next - beyond;
         beyond = next;
         next = own;
       }
-      return Real(row(2 * law.first + component) + t * next - beyond);
+      return Real(row(3 * law.first + component) + t * next - beyond);
     };
     x = sum(0);
     y = sum(1);
+    if (in_space) z = sum(2);
   }
   AppliedNow() = default;
   auto load(const auto&) const { return Load(x, y); }
   Real power(const Station<Real>& at) const { return x * at.vx + y * at.vy; }
+  SpatialLoad<Real> load_in_space(const SpatialStation<Real>&) const { return {{x, y, z}}; }
+  Real power_in_space(const SpatialStation<Real>& at) const {
+    return x * at.v.x + y * at.v.y + z * at.v.z;
+  }
 };
 
 }  // namespace

@@ -369,6 +369,7 @@ def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
         )
     if base is not None:
         model.require_base()
+        base.require_dimensions(model.dimensions)
     if isinstance(u, Pulsation):
         if base is not None and base.frequency != u.frequency:
             raise ValueError(

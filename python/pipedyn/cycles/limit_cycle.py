@@ -564,11 +564,30 @@ def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, floa
 
     In three dimensions x is along the direction in which the free end moves farthest.
     """
+    return extent_along(motion, orbit, tip_direction(motion, orbit))
+
+
+def amplitude_across(motion: VectorField, orbit: PeriodicOrbit) -> float:
+    """Half the peak-to-peak motion of the free end across the direction of `amplitude_of`."""
+    if motion.model.dimensions == 2:
+        return 0.0
+    x, _, z = tip_direction(motion, orbit)
+    return extent_along(motion, orbit, np.array([-z, 0.0, x]))[0]
+
+
+def tip_direction(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """Direction across the pipe in which the free end moves farthest, a unit vector."""
+    return farthest_direction(motion.end(orbit.states(PROBES))[: motion.model.dimensions].T)
+
+
+def extent_along(
+    motion: VectorField, orbit: PeriodicOrbit, direction: Array
+) -> tuple[float, float]:
+    """Half the peak-to-peak motion of the free end along a direction, and the phase of its peak."""
     size = motion.model.dimensions
     # Samples are as close as the mesh requires: a period may have a dozen peaks.
     phases, y = orbit.sampled(SAMPLES_A_STAGE * orbit.rates.shape[1])
     tips, velocities = np.split(motion.end(y), 2)
-    direction = farthest_direction(tips.T)
     across, velocity = direction @ tips, direction @ velocities
     before = np.flatnonzero((velocity[:-1] > 0.0) != (velocity[1:] > 0.0))
     peaks = zeros_between(

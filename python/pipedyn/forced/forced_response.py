@@ -2,16 +2,20 @@
 """Periodic motions of finite amplitude of a pipe that a base, a force or a flow drives.
 
 They are found by collocation, as limit cycles are, but with the period given and no condition on
-the phase, and are followed in the frequency past folds. With a moving base or a force, a branch
-begins near the linear response. In a pulsating flow rest is a motion, too; other motions branch off
-it on the edges of parametric regions, with the period of the flow (harmonic) or twice that
-(subharmonic).
+the phase, and are followed in the frequency past folds. With a base that moves across the pipe or
+a force, a branch begins near the linear response. In a pulsating flow, and if the base moves along
+a straight pipe, rest is a motion, too; other motions branch off it on the edges of parametric
+regions, with the period of the forcing (harmonic) or twice that (subharmonic).
+
+In three dimensions motions in the plane z = 0 are solved for by the same equations, whose
+derivatives do not couple this plane with motions across it. Where one of the latter passes the unit
+circle on the real axis, a branch of motions that leave the plane begins.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from copy import copy
 from dataclasses import field, replace
@@ -27,28 +31,33 @@ from pipedyn.continuation.arclength import Point
 from pipedyn.continuation.tracer import Tracer, between_folds, special_points
 from pipedyn.cycles.limit_cycle import (
     PeriodicMotion,
+    amplitude_across,
     amplitude_of,
     as_symmetric,
     one_period,
     refined_until,
 )
 from pipedyn.forced.parametric_search import regions
-from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
+from pipedyn.forced.pulsating import Hill, PulsatingPipe, ShakenPipe, require_motion
 from pipedyn.linear.frequency_response import base_solution, checked_range, harmonic_solution
 from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.rest import at_rest
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Force, Harmonic, Pulsation, require_steady, steady_speed
+from pipedyn.models.space import SpatialModel
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.motion.vector_field import Excitation, ForcedField, phase_times
 from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual
 from pipedyn.orbits.floquet import (
     CircleTest,
     EventKind,
+    all_multipliers,
     beyond_circle,
     circle_margin,
+    multipliers_by_plane,
     orbit_multipliers,
+    uncoupled,
 )
 from pipedyn.orbits.orbit_continuation import (
     FINE,
@@ -57,6 +66,7 @@ from pipedyn.orbits.orbit_continuation import (
     BranchStart,
     Grazing,
     Step,
+    from_branch_point,
     from_orbit,
     meeting,
     orbit_at,
@@ -103,22 +113,27 @@ HARMONICS = 8
 
 # -------------------------------------------------------------------------------------- results
 
-BranchKind = Literal["base", "force", "subharmonic", "harmonic"]
+BranchKind = Literal["base", "force", "subharmonic", "harmonic", "out of plane"]
+
+FROM_REST = ("subharmonic", "harmonic")
+"""Kinds of branches that leave rest."""
 
 
-@saved_as("ForcedMotion")
+@saved_as("ForcedMotion", added=("amplitude_across", "across"))
 class ForcedMotion(PeriodicMotion):
     """One period of a periodic motion under a periodic forcing.
 
     Attributes:
         amplitude: half the peak-to-peak transverse motion of the free end relative to the base,
-            in L.
+            in L; in three dimensions along the direction in which it moves farthest.
         frequency: angular frequency of the forcing, in 1 / T.
         period: period of the motion, in T: one of the forcing, or two if it is subharmonic.
         multipliers: Floquet multipliers over this period, complex, shape (2 dof,), the largest
             modulus first.
         stable: whether no multiplier's modulus exceeds 1 by more than 1e-6 or three times its
             error. Without damping they have the modulus 1: nearby motions neither grow nor decay.
+            In three dimensions a multiplier is 1 if the forcing is along the axis, that of the
+            motion turned about the axis.
         t: times from a crest of the forcing to the period, shape (S,).
         q, qdot: coordinates and rates, shape (S, coordinates).
         u: flow speed, or the pulsation.
@@ -127,36 +142,47 @@ class ForcedMotion(PeriodicMotion):
             solved, relative to the largest |f|, of the accelerations.
         model: the model.
         orbit: the solution of the collocation equations.
+        amplitude_across: half the peak-to-peak motion of the free end across the direction of
+            `amplitude` and the axis, in L: 0 for motions in a plane.
+        across: those multipliers, shape (dof,), whose perturbations leave the plane of a motion in
+            the plane z = 0 of three dimensions; None for other motions.
     """
 
     u: float | Pulsation
+    amplitude_across: float = 0.0
+    across: Complex | None = field(default=None, repr=False)
 
 
-@saved_as("ForcedEvent")
+@saved_as("ForcedEvent", added=("across",))
 class ForcedEvent(Result):
     """Event at which a branch of forced motions changes.
 
     Attributes:
         kind: "fold", where the frequency turns back; "pitchfork", "period doubling" or "torus",
-            where a multiplier passes the unit circle; "grazing", where the motion begins or ceases
-            to touch a stop; or "end", where the branch left its range, came to rest or was lost, as
-            the branch's `failure` says.
+            where a multiplier passes the unit circle; "branch point", where one passes 1 along
+            motions that lie in no plane; "grazing", where the motion begins or ceases
+            to touch a stop; or "end", where the branch left its range, came to rest or to the plane
+            from which it came, or was lost, as the branch's `failure` says.
         frequency: angular frequency of the forcing, in 1 / T.
         amplitude: amplitude of the free end, in L.
+        across: whether the multiplier belongs to perturbations that leave the plane of the motion.
     """
 
     kind: EventKind
     frequency: float
     amplitude: float
+    across: bool = False
 
 
-@saved_as("ForcedBranch")
+@saved_as("ForcedBranch", added=("amplitude_across", "azimuth"))
 class ForcedBranch(TableResult):
     """Motions along one branch, in the order in which it was followed, with those at its events.
 
     Attributes:
         kind: "base" with a moving base, "force" with a force; "subharmonic" or "harmonic" for a
-            branch that leaves rest in a pulsating flow.
+            branch that leaves rest, in a pulsating flow or with a base that moves along the pipe;
+            "out of plane" for a branch of motions in three dimensions that leave the plane z = 0,
+            from another branch on.
         frequency: angular frequency of the forcing, in 1 / T, shape (P,).
         amplitude: half the peak-to-peak transverse motion of the free end relative to the base, in
             L, shape (P,).
@@ -164,7 +190,12 @@ class ForcedBranch(TableResult):
         stable: whether that modulus is at most 1 within its error, as for a `ForcedMotion`, and
             False at events, shape (P,).
         events: events, in the order in which the branch meets them.
-        failure: where the branch was lost, and why; None where it left its range or came to rest.
+        failure: where the branch was lost, and why; None where it left its range, came to rest or
+            to the plane from which it came.
+        amplitude_across: in three dimensions half the peak-to-peak motion of the free end across
+            the direction of `amplitude`, in L, shape (P,); None in a plane.
+        azimuth: angle from x towards z, in rad, by which the motions of `at` are turned from those
+            that were solved for, in the plane z = 0.
     """
 
     kind: BranchKind
@@ -176,6 +207,8 @@ class ForcedBranch(TableResult):
     failure: NotConverged | None
     steps: tuple[Step, ...] = field(repr=False, compare=False)
     motion: ForcedField = field(repr=False, compare=False)
+    amplitude_across: Array | None = field(default=None, repr=False)
+    azimuth: float = field(default=0.0, repr=False)
 
     def at(self, frequency: float, rtol: float = 1e-6, samples: int = 257) -> list[ForcedMotion]:
         """Motions of the branch at a frequency of the forcing.
@@ -196,7 +229,8 @@ class ForcedBranch(TableResult):
                         ahead = part.end.p - omega
                         if ahead != 0.0 and (part.begin.p - omega) * ahead <= 0.0:
                             orbit = step.problem.orbit(part.where(omega))
-                            found.append(_refined_motion(self.motion, orbit, rtol, samples))
+                            given = orbit, rtol, samples, self.azimuth
+                            found.append(_refined_motion(self.motion, *given))
                 except NewtonFailed as reason:
                     raise NotConverged(
                         f"no motion was found at a frequency of {frequency:g} though the "
@@ -205,9 +239,11 @@ class ForcedBranch(TableResult):
         return found
 
     def _columns(self) -> dict[str, Any]:
+        across = self.amplitude_across
         return {
             "frequency": self.frequency,
             "amplitude": self.amplitude,
+            **({} if across is None else {"amplitude_across": across}),
             "largest": self.largest,
             "stable": self.stable,
         }
@@ -219,7 +255,8 @@ class ForcedResponse(TableResult):
 
     Attributes:
         branches: branches, each followed from one end. If the branch of a moving base or a force
-            was lost on the way from the lowest frequency, another one begins at the highest.
+            was lost on the way from the lowest frequency, another one begins at the highest. In
+            three dimensions each is followed by those that leave its plane.
         forcing: amplitude and direction of the base's motion, or mean and amplitude of the flow's,
             or the force.
         u: flow speed, in a pulsating flow its mean.
@@ -286,11 +323,14 @@ def forced_response(
     """Periodic motions of finite amplitude over the frequency of the forcing, stable or not.
 
     Args:
-        model: chain, reduced model or scene, up to 60 degrees of freedom.
+        model: chain, reduced model or scene, up to 60 degrees of freedom. In three dimensions
+            motions of a base or force in the plane z = 0 are followed in this plane, with their
+            stability also across it, and then the branches that leave the plane.
         u: flow speed >= 0; or a `Pulsation`, whose mean and amplitude stay while its frequency
             varies. Then motions branch off from rest at the edges of parametric regions, and the
             pipe must be stable at the mean speed.
-        base: transverse motion of the base, whose amplitude stays while its frequency varies.
+        base: a `Harmonic` motion of the base, whose amplitude stays while its frequency varies.
+            Along "y" it leaves a straight pipe at rest, as a pulsating flow does.
         force: a `Force` with a frequency, which varies while the force stays the same function of
             its phase. Of base, force and a pulsating flow one must be given.
         frequencies: range (low, high) of the forcing's angular frequency, low > 0, or several
@@ -313,6 +353,14 @@ def forced_response(
         >>> [round(motion.amplitude, 3) for motion in found.at(13.5)]
         [0.06]
 
+        A hose that is shaken in a plane may whirl where its motion in the plane is unstable:
+
+        >>> model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.002), 2, dimensions=3)
+        >>> shaken = pp.Harmonic(0.01, frequency=5.0)
+        >>> found = pp.forced_response(model, 0.1, base=shaken)
+        >>> [(one.stable, round(one.amplitude_across, 3)) for one in found.at(5.0)]
+        [(False, 0.0), (True, 0.07)]
+
     Raises:
         NotConverged: if no motion of a moving base or a force is found at either end of the range,
             neither from the linear response nor by motions from rest that are left to settle.
@@ -321,10 +369,8 @@ def forced_response(
     Source: Doedel, Keller and Kernevez (1991), as for `limit_cycle`; Nayfeh and Mook (1979),
     Nonlinear oscillations, for typical responses.
     """
-    model = checked_model_in_motion(
-        model, largest=FORCED_DOF, purpose="forced_response", planar=True
-    )
-    forcing = _checked_forcing(u, base, force)
+    model = checked_model_in_motion(model, largest=FORCED_DOF, purpose="forced_response")
+    forcing = _checked_forcing(u, base, force, model.dimensions)
     mean = forcing.mean if isinstance(forcing, Pulsation) else u
     speed = steady_speed("u", mean, high=largest_speed(model))
     if frequencies is None:
@@ -338,17 +384,29 @@ def forced_response(
     branches = list[ForcedBranch]()
     model = at_rest(model, speed)
     model.require_equilibrium(speed)
-    if isinstance(forcing, Pulsation):
+    driving, azimuth = forcing, 0.0
+    if model.axisymmetric and not isinstance(driving, Pulsation):
+        driving, azimuth = driving.in_plane()
+    if isinstance(driving, Pulsation):
         require_motion(model)
-        starts = _from_rest(model, speed, forcing, low, high)
+        starts = _from_rest(model, speed, driving, low, high)
+    elif model.rests_bent or not _is_axial(ForcedField(model, driving, 1)):
+        starts = _from_base(model, speed, driving, low, high)
+    elif isinstance(driving, Harmonic):
+        starts = _from_rest(model, speed, driving, low, high)
     else:
-        starts = _from_base(model, speed, forcing, low, high)
+        raise ValueError(
+            "force must act across the straight pipe, which a force along it leaves at rest"
+        )
     with one_thread(2 * model.integrated):
         for begun in starts:
-            first = begun.points[0].frequency
-            if begun.from_rest and any(_ends_at(one, first) for one in branches):
+            if begun.from_rest and begun.is_end_of(branches):
                 continue  # the branch was followed to here from the region's other edge
             branches.append(begun.branch(shown))
+            for leaving in begun.out_of_plane():
+                if not leaving.is_end_of(branches):
+                    branches.append(leaving.branch(shown))
+    branches = [replace(branch, azimuth=azimuth) for branch in branches]
     return ForcedResponse(
         branches=tuple(branches),
         forcing=forcing,
@@ -359,7 +417,17 @@ def forced_response(
     )
 
 
-def _checked_forcing(u: Any, base: Any, force: Any) -> Pulsation | Harmonic | Force:
+def _is_axial(motion: ForcedField) -> bool:
+    """Whether a straight pipe stays at rest under the forcing: whether this is along its axis."""
+    forces = motion.along(np.linspace(0.0, 2.0 * math.pi, 17), 1.0)(
+        np.zeros((motion.size, 17)), 0.0
+    )
+    return not forces.any()
+
+
+def _checked_forcing(
+    u: Any, base: Any, force: Any, dimensions: int
+) -> Pulsation | Harmonic | Force:
     """The forcing that the arguments describe; raises ValueError or TypeError if they are bad."""
     if isinstance(u, Pulsation):
         for name, given in (("base", base), ("force", force)):
@@ -372,19 +440,18 @@ def _checked_forcing(u: Any, base: Any, force: Any) -> Pulsation | Harmonic | Fo
     if force is not None:
         if base is not None:
             raise ValueError("force must not be given where the base moves")
-        return _checked_force(force)
+        return _checked_force(force, dimensions)
     if not isinstance(base, Harmonic):
         raise TypeError(
             f"base must be a Harmonic or u a Pulsation, got {check.shown(base)}; or give a force"
         )
-    if base.direction != "x":
-        raise ValueError("base must move along x: along y rest stays a motion, got direction='y'")
+    base.require_dimensions(dimensions)
     if base.amplitude == 0.0:
         raise ValueError("base must move, got an amplitude of 0")
     return base
 
 
-def _checked_force(force: Any) -> Force:
+def _checked_force(force: Any, dimensions: int) -> Force:
     """The force, refused unless it has a frequency, repeats with its phase and acts."""
     known: Force = check.instance("force", force, Force, "a Force")
     if known.frequency is None:
@@ -394,8 +461,10 @@ def _checked_force(force: Any) -> Force:
         )
     places, times = np.linspace(0.0, 1.0, 9), phase_times(known)
     period = 2.0 * math.pi / known.frequency
-    values = np.array([known.components(places, t) for t in times.tolist()])
-    later = np.array([known.components(places, t + period) for t in times.tolist()])
+    values, later = (
+        np.array([known.components(places, t, dimensions) for t in (times + add).tolist()])
+        for add in (0.0, period)
+    )
     size = float(np.abs(values).max())
     if size == 0.0:
         raise ValueError("force must act, got one that is 0 at all times")
@@ -491,7 +560,8 @@ def _linear_response(motion: ForcedField, u: float, w: float) -> dict[int, Compl
     """Complex coordinates p of small motions at multiples of a frequency, for an amplitude of 1."""
     model, forcing = motion.model, motion.forcing
     if isinstance(forcing, Harmonic):
-        return {1: model.by_coordinates() @ base_solution(model, u, w)}
+        vector = forcing.vector / forcing.amplitude
+        return {1: model.by_coordinates() @ base_solution(model, u, w, vector)}
     phases = np.linspace(0.0, 2.0 * math.pi, 4 * FORCE_HARMONICS, endpoint=False)
     series = np.fft.rfft(motion.force_numbers(phases), axis=1) / phases.size
     series[:, 1:] *= 2.0
@@ -531,38 +601,51 @@ def _settled(motion: ForcedField, u: float) -> PeriodicOrbit:
 
 
 def _from_rest(
-    model: Model, mean: float, forcing: Pulsation, low: float, high: float
+    model: Model, mean: float, forcing: Pulsation | Harmonic, low: float, high: float
 ) -> Iterator[_ForcedTracer]:
-    """Beginnings of branches from rest in a pulsating flow, on edges of parametric regions."""
-    pipe = PulsatingPipe.of(model.elastic_operators(), mean)
-    pipe.require_stable(high)
-    hill = Hill(pipe, HARMONICS)
+    """Beginnings of branches from rest, on edges of parametric regions.
+
+    In three dimensions they lie in the plane z = 0, which stands for all planes through the axis;
+    if terms differ in x and z, also in the plane x = 0.
+    """
+    flows, amplitude = isinstance(forcing, Pulsation), abs(forcing.amplitude)
+    planes = model.planes[: 1 if model.axisymmetric else 2] or (model,)
     kinds: tuple[tuple[BranchKind, int], ...] = (("subharmonic", 2), ("harmonic", 1))
-    for kind, order in kinds:
-        rests = hill.edges(0.5 * (order - 1), forcing.amplitude, high)
-        for region in regions(hill, np.array([forcing.amplitude]), low, high, (kind,)):
-            ends = region.edges[0][np.isfinite(region.edges[0])]
-            window = 0.9 * min(low, ends.min()), 1.1 * max(high, ends.max())
-            for edge in ends.tolist():
-                motion = ForcedField(model, replace(forcing, frequency=edge), order)
-                yield _ForcedTracer(kind, motion, _leaving_rest(motion, mean), window, rests)
+    for which, plane in enumerate(planes):
+        if flows:
+            pipe = PulsatingPipe.of(plane.elastic_operators(), mean)
+        else:
+            pipe = ShakenPipe.shaken(plane, mean)
+        pipe.require_stable(high, "mean" if flows else "u")
+        hill = Hill(pipe, HARMONICS)
+        for kind, order in kinds:
+            rests = hill.edges(0.5 * (order - 1), amplitude, high)
+            for region in regions(hill, np.array([amplitude]), low, high, (kind,)):
+                ends = region.edges[0][np.isfinite(region.edges[0])]
+                window = 0.9 * min(low, ends.min()), 1.1 * max(high, ends.max())
+                for edge in ends.tolist():
+                    motion = ForcedField(model, replace(forcing, frequency=edge), order)
+                    start = _leaving_rest(motion, mean, which)
+                    yield _ForcedTracer(kind, motion, start, window, rests)
 
 
-def _leaving_rest(motion: ForcedField, mean: float) -> BranchStart:
+def _leaving_rest(motion: ForcedField, mean: float, which: int) -> BranchStart:
     """First step from rest, towards the motion that neither grows nor decays on an edge.
 
     Args:
         motion: equations of motion at the edge.
         mean: mean flow speed.
+        which: 0 for motions in the plane z = 0, and 1 in three dimensions for those across it.
     """
     coarse = coarsest_mesh(motion.is_odd(mean))
     edges = divided(coarse, np.full(coarse.size - 1, 3))
     states = np.zeros((edges.size - 1, motion.size))
     rates = np.zeros((*stage_phases(edges).shape, motion.half))
-    assert isinstance(motion.forcing, Pulsation)
+    assert motion.forcing.frequency is not None
     w = motion.forcing.frequency / motion.order
     rest = PeriodicOrbit(edges, states, rates, w, mean, True)
-    towards = Linearised(motion, rest, (0.0 * rest.packed(), 0.0)).neutral(1.0)
+    plane = uncoupled(motion, rest)[which]
+    towards = Linearised(motion, rest, (0.0 * rest.packed(), 0.0)).neutral(1.0, plane)
     small = rest.unpacked(rest.packed() + 1e-6 * towards)
     scale = 1e-6 * FIRST_AMPLITUDE / max(amplitude_of(motion, small)[0], 1e-300)
     return BranchStart(rest, scale * towards, (0.98 * w, 1.02 * w))
@@ -578,47 +661,77 @@ class _ForcedPoint(NamedTuple):
     amplitude: float
     largest: float = 1.0
     stable: bool = False
+    across: float = 0.0
 
 
 def _point_of_orbit(motion: ForcedField, orbit: PeriodicOrbit) -> _ForcedPoint:
     multipliers, _, error = orbit_multipliers(motion, orbit)
     amplitude, largest = amplitude_of(motion, orbit)[0], float(np.abs(multipliers).max())
     stable = not (beyond_circle(multipliers, error) > 0.0).any()
-    return _ForcedPoint(motion.order * orbit.frequency, amplitude, largest, stable)
+    across = amplitude_across(motion, orbit)
+    return _ForcedPoint(motion.order * orbit.frequency, amplitude, largest, stable, across)
 
 
-def _events_on(step: Step, motion: ForcedField) -> Iterator[tuple[float, EventKind]]:
+class _Passing(NamedTuple):
+    """An event on a step: where, its kind, the root that passes, and whether it is across.
+
+    A root is across if its perturbations leave the plane of the motion.
+    """
+
+    s: float
+    kind: EventKind
+    root: complex = 1.0
+    across: bool = False
+
+
+def _events_on(step: Step, motion: ForcedField) -> Iterator[_Passing]:
     """Events of the motions on a step, each after the arc length right beyond it.
 
     Without damping other multipliers lie on the unit circle, and one that leaves it gradually as
-    the amplitude grows makes no event. Folds are found by the tangent.
+    the amplitude grows makes no event. Folds are found by the tangent. Motions in the plane z = 0
+    of three dimensions have two tests, of multipliers in it and across it.
     """
+    passings, known = dict[tuple[str, float], _Passing](), dict[bytes, Any]()
 
-    def multipliers(point: Point) -> tuple[Complex, Complex, float]:
-        return orbit_multipliers(motion, step.problem.orbit(point.z))
+    def multipliers(point: Point) -> tuple[list[tuple[Complex, Complex]], float]:
+        key = point.z.tobytes()
+        if key not in known:
+            known[key] = multipliers_by_plane(motion, step.problem.orbit(point.z))
+        return known[key]
 
-    def values(point: Point) -> Array:
-        return beyond_circle(multipliers(point)[0], error)
+    def test_of(which: int) -> CircleTest:
+        """The test of multipliers in the plane (0) or across it (1)."""
 
-    def roots(s: float) -> Complex:
-        return multipliers(step.at(s))[1]
+        def values(point: Point) -> Array:
+            return beyond_circle(multipliers(point)[0][which][0], error)
 
-    def name(before: float, beyond: float) -> str:
-        outside = max(before, beyond, key=test.positive)
-        passing = test.positive(outside) - 1
-        ends = [abs(test.at(s)[passing] + margin) for s in (0.0, step.length)]
-        if min(ends) <= margin and test.at(outside)[passing] < margin:
-            return ""
-        return test.kind_but_fold(before, beyond)
+        def roots(s: float) -> Complex:
+            return multipliers(step.at(s))[0][which][1]
 
-    (first, _, before), (last, _, after) = map(multipliers, (step.begin, step.end))
+        def name(before: float, beyond: float) -> str:
+            outside = max(before, beyond, key=test.positive)
+            passing = test.positive(outside) - 1
+            ends = [abs(test.at(s)[passing] + margin) for s in (0.0, step.length)]
+            if min(ends) <= margin and test.at(outside)[passing] < margin:
+                return ""
+            kind = test.kind(before, beyond)
+            root = complex(roots(beyond)[passing])
+            if kind == "fold" and which == 1:  # the tangent lies in the plane: it shows no such one
+                kind = "pitchfork"
+            elif kind == "fold" and motion.model.dimensions == 3 and len(tests) == 1:
+                kind = "branch point"  # away from folds
+            passings[kind, beyond] = _Passing(beyond, kind, root, which == 1)
+            return "" if kind == "fold" else kind
+
+        test = CircleTest(step, 1e-3 * step.length, values, name, {}, NEAR_FOLD, roots=roots)
+        return test
+
+    (first, before), (last, after) = map(multipliers, (step.begin, step.end))
     error = max(before, after)
     margin = math.log1p(circle_margin(error))
-    known = {0.0: beyond_circle(first, error), step.length: beyond_circle(last, error)}
-    tolerance = 1e-3 * step.length
-    test = CircleTest(step, tolerance, values, name, known, NEAR_FOLD, roots=roots)
-    for kind, _, s in special_points(step, 1e-4, [test]):
-        yield s, cast(EventKind, kind)
+    tests = [test_of(which) for which in range(min(len(first), len(last)))]
+    for kind, _, s in special_points(step, 1e-4, tests):
+        yield passings.get((kind, s)) or _Passing(s, cast(EventKind, kind))
 
 
 class _ForcedTracer(Tracer[OrbitProblem]):
@@ -643,14 +756,33 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         super().__init__(most=MOST_STEPS)
         self.kind, self.motion, self.start, self.window = kind, motion, start, window
         self.rests = np.array(rests)
-        self.from_rest = kind in ("subharmonic", "harmonic")
+        self.from_rest = kind in FROM_REST
+        self.leaves = self.from_rest or kind == "out of plane"
         self.points, self.events = list[_ForcedPoint](), list[ForcedEvent]()
         self.steps = list[Step]()
+        self.forks = list[tuple[_Passing, PeriodicOrbit]]()
         self.lost: NotConverged | None = None
-        if not self.from_rest:
+        if not self.leaves:
             self.points.append(_point_of_orbit(motion, start.orbit))
         else:
-            self._rests(start.orbit.frequency)
+            self._joins(start.orbit)
+
+    def is_end_of(self, branches: Iterable[ForcedBranch]) -> bool:
+        """Whether a branch of the same kind ended where this one begins."""
+        for one in branches:
+            size = one.amplitude if self.from_rest else one.amplitude_across
+            if one.kind == self.kind and size is not None and size[-1] == 0.0:
+                near = 1e-6 if self.from_rest else 1e-3
+                if abs(one.frequency[-1] / self.points[0].frequency - 1.0) < near:
+                    return True
+        return False
+
+    def out_of_plane(self) -> Iterator[_ForcedTracer]:
+        """Branches that leave the plane of this one, at its events across the plane."""
+        met = [self.motion.order * orbit.frequency for _, orbit in self.forks]
+        for passing, orbit in self.forks:
+            motion, start = _leaving_plane(self.motion, orbit, passing.root.real)
+            yield _ForcedTracer("out of plane", motion, start, self.window, met)
 
     def branch(self, shown: bool) -> ForcedBranch:
         """The branch, after it was followed."""
@@ -669,7 +801,9 @@ class _ForcedTracer(Tracer[OrbitProblem]):
                 f"amplitude {last.amplitude:.4g}: {reason}"
             )
         self.events.append(ForcedEvent("end", last.frequency, last.amplitude))
-        frequency, amplitude, largest, stable = map(np.array, zip(*self.points, strict=True))
+        frequency, amplitude, largest, stable, across = map(
+            np.array, zip(*self.points, strict=True)
+        )
         return ForcedBranch(
             kind=self.kind,
             frequency=frequency,
@@ -680,31 +814,44 @@ class _ForcedTracer(Tracer[OrbitProblem]):
             failure=self.lost,
             steps=tuple(self.steps),
             motion=self.motion,
+            amplitude_across=across if self.motion.model.dimensions == 3 else None,
         )
 
     def note(self, step: Step) -> str | None:
         """Keeps a step, its events and the motion at its end; returns why the branch ends."""
         order = self.motion.order
         met = None
-        if self.from_rest and self.steps:  # a branch that leaves rest may come back to it
-            met = meeting(step, "hopf", self.rests / order, 1e-3)
+        if self.leaves and self.steps:  # a branch that leaves rest or a plane may come back to it
+            kinds = ["hopf"] if self.from_rest else ["z", "x"][: 1 + self.motion.axisymmetric]
+            tries = (meeting(step, kind, self.rests / order, 1e-3) for kind in kinds)
+            met = next((one for one in tries if one is not None), None)
         if met is not None:
-            if not met.known:
+            if self.from_rest and not met.known:
                 raise NewtonFailed(
                     f"it passes through rest near {order * met.last.end.p:.6g}, where no motion "
                     "leaves rest"
                 )
             step = met.whole
-        if self.steps or not self.from_rest:
-            for s, kind in _events_on(step, self.motion):
-                event = self._event(kind, orbit_at(step, s))
-                self.points.append(_ForcedPoint(event.frequency, event.amplitude))
+        if self.steps or not self.leaves:
+            for passing in _events_on(step, self.motion):
+                orbit = orbit_at(step, passing.s)
+                event = self._event(passing.kind, orbit, passing.across)
+                across = amplitude_across(self.motion, orbit)
+                point = _ForcedPoint(event.frequency, event.amplitude, across=across)
+                self.points.append(point)
+                # Where a turn about the axis changes nothing, the root of that turn is 1, too, and
+                # motions that leave the plane without another symmetry precess.
+                repeats = passing.kind != "torus" and not (
+                    passing.root.real > 0.0 and self.motion.axisymmetric
+                )
+                if passing.across and repeats:
+                    self.forks.append((passing, orbit))
         self.steps.append(step)
         self.points.append(_point_of_orbit(self.motion, orbit_at(step, step.length)))
         if met is not None:
             self.steps.append(met.last)
-            self._rests(met.last.end.p)
-            return "hopf"
+            self._joins(met.last.problem.orbit(met.last.end.z))
+            return "joined"
         return None
 
     def is_over(self, point: Point) -> bool:
@@ -712,14 +859,15 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         low, high = self.window
         return not low <= self.motion.order * point.p <= high
 
-    def _rests(self, frequency: float) -> None:
-        """Keeps a point of rest at a frequency of the orbits."""
-        self.points.append(_ForcedPoint(self.motion.order * frequency, 0.0))
+    def _joins(self, orbit: PeriodicOrbit) -> None:
+        """Keeps a point of rest, or one at which motions come to the plane."""
+        amplitude = 0.0 if self.from_rest else amplitude_of(self.motion, orbit)[0]
+        self.points.append(_ForcedPoint(self.motion.order * orbit.frequency, amplitude))
 
-    def _event(self, kind: EventKind, orbit: PeriodicOrbit) -> ForcedEvent:
+    def _event(self, kind: EventKind, orbit: PeriodicOrbit, across: bool = False) -> ForcedEvent:
         """Keeps the event at an orbit."""
         amplitude, frequency = amplitude_of(self.motion, orbit)[0], orbit.frequency
-        self.events.append(ForcedEvent(kind, self.motion.order * frequency, amplitude))
+        self.events.append(ForcedEvent(kind, self.motion.order * frequency, amplitude, across))
         return self.events[-1]
 
     def _grazes(self, grazing: Grazing) -> None:
@@ -727,23 +875,40 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         self._event("grazing", grazing.middle)
 
 
-def _ends_at(branch: ForcedBranch, frequency: float) -> bool:
-    """Whether a branch ended in rest at an edge."""
-    at_rest = branch.amplitude[-1] == 0.0
-    return bool(at_rest and abs(branch.frequency[-1] / frequency - 1.0) < 1e-6)
+def _leaving_plane(
+    motion: ForcedField, orbit: PeriodicOrbit, root: float
+) -> tuple[ForcedField, BranchStart]:
+    """First step out of the plane of an orbit, at which a root across is near 1 or -1.
+
+    The motions have the symmetry and the period of the orbit if the root is 1. If it is -1, they
+    are not symmetric or, if the orbit is not either, have twice its period.
+    """
+    across = uncoupled(motion, orbit)[1]
+    if root < 0.0:
+        orders = motion if orbit.symmetric else motion.of_order(2 * motion.order)
+        orders.reach = motion.reach
+        return orders, from_branch_point(motion, orbit, across)
+    towards = OrbitProblem(motion, orbit, FINE).about_orbit(orbit).neutral(1.0, across)
+    length = OrbitProblem(motion, orbit, FINE).length(towards)
+    return motion, BranchStart(orbit, FIRST_AMPLITUDE / length * towards)
 
 
 def _refined_motion(
-    motion: ForcedField, orbit: PeriodicOrbit, rtol: float, samples: int
+    motion: ForcedField, orbit: PeriodicOrbit, rtol: float, samples: int, azimuth: float
 ) -> ForcedMotion:
     """The forced motion of an orbit whose mesh is refined until the amplitude converges to rtol.
+
+    In three dimensions it is turned about the axis by an azimuth.
 
     Raises:
         NotConverged: if the amplitude is not known to rtol; its `result` has the motion.
     """
     orbit, (amplitude, _), error, reason = refined_until(motion, orbit, rtol, FINE.tolerance)
-    multipliers, _, unsure = orbit_multipliers(motion, orbit)
+    parts, unsure = multipliers_by_plane(motion, orbit)
+    multipliers, _ = all_multipliers(parts)
     t, q, qdot = one_period(motion, orbit, samples)
+    if isinstance(motion.model, SpatialModel) and azimuth:
+        q, qdot = (motion.model.turned(of.T, azimuth).T.copy() for of in (q, qdot))
     found = ForcedMotion(
         amplitude=amplitude,
         frequency=motion.order * orbit.frequency,
@@ -758,6 +923,8 @@ def _refined_motion(
         residual=residual(motion, orbit),
         model=motion.model.with_applied(()),
         orbit=orbit,
+        amplitude_across=amplitude_across(motion, orbit),
+        across=parts[1][0] if len(parts) == 2 else None,
     )
     if error > rtol:
         raise NotConverged(f"the motion is known to {error:.1e} only: {reason}", found)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.modes import largest_speed
-from pipedyn.models.base import Model, Operators
+from pipedyn.models.base import BASE_ROWS, ROWS, Model, Operators
 from pipedyn.models.continuum import (
     FUNCTIONS_A_JOINT,
     AnyModel,
@@ -91,6 +91,19 @@ class PulsatingPipe:
         parts = {name: basis.T @ getattr(self, name) @ basis for name in names}
         return PulsatingPipe(**parts, mean=self.mean)
 
+    def modulated(self, k: Array) -> list[KroneckerTerm]:
+        """Terms of Hill's equations, for harmonics k, that vary with the amplitude."""
+        cosine, minus_sine = _waves(k.size)
+        square = 0.5 * np.eye(k.size) + 0.25 * (np.eye(k.size, k=-2) + np.eye(k.size, k=2))
+        flux, velocity = self.mean**2 * self.flux, self.mean * self.velocity
+        return [
+            ((0, 0, 1), cosine, 2.0 * flux),
+            ((0, 0, 2), square, flux),
+            ((1, 0, 1), 1j * cosine * k, velocity),
+            ((0, 1, 1), 1j * cosine, velocity),
+            ((1, 0, 1), minus_sine, self.mean * self.unsteady),
+        ]
+
     def companion(self, speed: float, square: float) -> Array:
         """Matrix A of y' = A y, (2 n, 2 n), at constant `speed` for u and `square` for u^2."""
         return np.tensordot([1.0, speed, square], self.companions()[:3], 1)
@@ -112,8 +125,8 @@ class PulsatingPipe:
         made[:, n:, :n] = stiffness, damping @ half, flux + half @ half, unsteady - half
         return made
 
-    def require_stable(self, highest: float) -> None:
-        """Raises ValueError if rest is unstable at the mean speed.
+    def require_stable(self, highest: float, name: str = "mean") -> None:
+        """Raises ValueError if rest is unstable at the mean speed, the argument `name`.
 
         Modes count up to five times the frequency `highest`, and at least up to 50.
         """
@@ -122,7 +135,7 @@ class PulsatingPipe:
         worst = float(values.real.max(initial=0.0))
         if worst > 1e-7 * max(1.0, float(np.abs(values).max(initial=0.0))):
             raise ValueError(
-                f"mean must be a speed at which the pipe is stable, got {self.mean:g}, at which "
+                f"{name} must be a speed at which the pipe is stable, got {self.mean:g}, at which "
                 f"motions grow like exp({worst:.2g} tau)"
             )
 
@@ -145,17 +158,23 @@ class PulsatingPipe:
         """Arguments of `by_series` for one period: rows, durations and units, and parts."""
         count, period = 8, 2.0 * math.pi / frequency
         phases = 2.0 * math.pi * (np.arange(count)[:, None] + STAGE_NODES) / count
-        speed = self.mean * (1.0 + amplitude * np.cos(phases))
-        rate = -self.mean * amplitude * frequency * np.sin(phases)
-        one = np.ones_like(speed)
-        by_position = np.tensordot(np.stack([one, speed**2, rate], -1), self._forces[:3], 1)
-        by_velocity = np.tensordot(np.stack([one, speed], -1), self._forces[3:], 1)
+        by_position, by_velocity = self._accelerations(phases, amplitude, frequency)
         units = np.ones(2 * self.size)
         units[self.size :] = math.sqrt(max(np.abs(by_position).max(), 1.0))
         fastest = math.sqrt(np.abs(np.linalg.eigvals(self._forces[0])).max())
         parts = np.full(count, math.ceil(4.0 * (fastest * period) ** (1.0 / 3.0)))
         rows = np.concatenate([by_position, by_velocity], axis=-1)
         return (rows, np.full(count, period / count), units), parts
+
+    def _accelerations(
+        self, phases: Array, amplitude: float, frequency: float
+    ) -> tuple[Array, Array]:
+        """Derivatives of accelerations by position and by velocity at phases, (..., n, n) each."""
+        speed = self.mean * (1.0 + amplitude * np.cos(phases))
+        rate = -self.mean * amplitude * frequency * np.sin(phases)
+        one = np.ones_like(speed)
+        by_position = np.tensordot(np.stack([one, speed**2, rate], -1), self._forces[:3], 1)
+        return by_position, np.tensordot(np.stack([one, speed], -1), self._forces[3:], 1)
 
     @cached_property
     def _forces(self) -> Array:
@@ -165,6 +184,53 @@ class PulsatingPipe:
         """
         forces = self.stiffness, self.flux, self.unsteady, self.damping, self.velocity
         return np.asarray(-np.linalg.solve(self.mass, np.stack(forces)))
+
+
+@dataclass(frozen=True)
+class ShakenPipe(PulsatingPipe):
+    """Matrices of the equations of motion of a straight pipe whose base oscillates along it.
+
+    The flow is steady. The amplitude is that of the base, in L.
+    """
+
+    base: Array  # stiffness by position, velocity and acceleration of the base, (3, n, n)
+
+    @classmethod
+    def shaken(cls, model: Model, u: float) -> ShakenPipe:
+        """The matrices of a model in elastic coordinates, at a flow speed."""
+        still = np.zeros(2 * model.integrated)
+        free, half = model.by_coordinates(), model.integrated
+
+        def stiffness(row: int | None) -> Array:
+            drive = np.zeros(ROWS) if row is None else np.eye(ROWS)[row]
+            slopes = model.motion_jacobian(still, u, drive)[half:, :half] @ free
+            moved, *_ = np.linalg.lstsq(free, slopes, rcond=0.0)
+            return -model.operators().mass @ moved
+
+        to_elastic, without = np.asarray(model.from_elastic(np.eye(model.dof))), stiffness(None)
+        base = [to_elastic.T @ (stiffness(rows[1]) - without) @ to_elastic for rows in BASE_ROWS]
+        plain = PulsatingPipe.of(model.elastic_operators(), u)
+        return cls(**vars(plain), base=np.stack(base))
+
+    def modulated(self, k: Array) -> list[KroneckerTerm]:
+        """Terms of Hill's equations, for harmonics k, that vary with the amplitude."""
+        cosine, minus_sine = _waves(k.size)
+        by_place, by_velocity, by_acceleration = self.base
+        return [
+            ((0, 0, 1), cosine, by_place),
+            ((1, 0, 1), minus_sine, by_velocity),
+            ((2, 0, 1), -cosine, by_acceleration),
+        ]
+
+    def _accelerations(
+        self, phases: Array, amplitude: float, frequency: float
+    ) -> tuple[Array, Array]:
+        by_position, by_velocity = super()._accelerations(phases, 0.0, frequency)
+        turn = amplitude * np.exp(1j * phases)
+        moves = np.stack([((1j * frequency) ** order * turn).real for order in range(3)], -1)
+        return by_position - np.tensordot(
+            moves, np.linalg.solve(self.mass, self.base), 1
+        ), by_velocity
 
 
 def require_motion(model: AnyModel) -> None:
@@ -233,20 +299,13 @@ class Hill:
     def _terms(self, share: float | None) -> list[KroneckerTerm]:
         """The terms of H, whose factors are matrices of the harmonics and of the pipe."""
         pipe, u = self.pipe, self.pipe.mean
-        k = np.arange(2 * self.many + (share != 0.5)) - self.many + (share or 0.0)
-        before, after = np.eye(k.size, k=-1), np.eye(k.size, k=1)  # exp(i w tau) and its conjugate
-        one, cosine = np.eye(k.size), 0.5 * (before + after)
-        square = 0.5 * one + 0.25 * (np.eye(k.size, k=-2) + np.eye(k.size, k=2))  # of the cosine
-        flux, velocity = u**2 * pipe.flux, u * pipe.velocity
+        k: Array = np.arange(2.0 * self.many + (share != 0.5)) - self.many + (share or 0.0)
+        one, flux, velocity = np.eye(k.size), u**2 * pipe.flux, u * pipe.velocity
         terms: list[KroneckerTerm] = [  # powers of w, nu and the amplitude, and both factors
             ((0, 0, 0), one, pipe.stiffness + flux),
-            ((0, 0, 1), cosine, 2.0 * flux),
-            ((0, 0, 2), square, flux),
+            *pipe.modulated(k),
             ((1, 0, 0), 1j * np.diag(k), pipe.damping + velocity),
             ((0, 1, 0), 1j * one, pipe.damping + velocity),
-            ((1, 0, 1), 1j * cosine * k, velocity),
-            ((0, 1, 1), 1j * cosine, velocity),
-            ((1, 0, 1), 0.5j * (before - after), u * pipe.unsteady),
             ((2, 0, 0), np.diag(-(k**2)), pipe.mass),
             ((1, 1, 0), np.diag(-2.0 * k), pipe.mass),
             ((0, 2, 0), -one, pipe.mass),
@@ -329,6 +388,12 @@ class Polynomial:
         entries = (factors[:, None] * self._blocks).T @ self._matrices
         whole.reshape(-1)[self._filled] = entries.reshape(self._filled.shape)
         return whole
+
+
+def _waves(count: int) -> tuple[Array, Complex]:
+    """Products of harmonics with cos(w tau) and with -sin(w tau), shape (count, count) each."""
+    before, after = np.eye(count, k=-1), np.eye(count, k=1)  # exp(i w tau) and its conjugate
+    return 0.5 * (before + after), np.asarray(0.5j * (before - after), dtype=np.complex128)
 
 
 def _real_form(count: int) -> Complex:

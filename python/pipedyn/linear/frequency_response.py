@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn.linear.modes import largest_speed, roots_and_shapes
 from pipedyn.linear.neutral import grows, growth
 from pipedyn.linear.rest import at_rest
-from pipedyn.models.base import DENSE_LIMIT, ROWS, Model
+from pipedyn.models.base import BASE_ROWS, DENSE_LIMIT, ROWS, Model
 from pipedyn.models.continuum import (
     SMALLEST,
     AnyModel,
@@ -34,7 +34,7 @@ from pipedyn.models.continuum import (
     converged_answer,
     relative,
 )
-from pipedyn.models.drive import steady_speed
+from pipedyn.models.drive import LETTERS, Letter, steady_speed
 from pipedyn.models.terms import PointMass
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -62,6 +62,9 @@ CLOSEST = 1e-9
 
 MOST_FREQUENCIES = 50_000
 """Largest number of frequencies that are chosen: 200 modes with some 200 each."""
+
+AXES: Array = np.eye(3)
+"""Unit vectors along x, y and z."""
 
 RESIDUAL = 1e-10
 """Residual, relative to the load or the solution, at which a basis has enough vectors."""
@@ -104,7 +107,8 @@ class FrequencyResponse(TableResult):
         error: for `Continuum`, the largest change of the response from the basis before the last,
             relative to the response, less the change explained by a shift of the poles by 1e-11 of
             their size; 0 for other models.
-        direction: direction of the load or motion, and of the response, "x" or "z".
+        direction: direction of the load or motion, "x", "y" or "z", and of the response, which is
+            along x for "y".
 
     Example:
         >>> found = pp.frequency_response(pp.Galerkin(pp.Pipe(0.2), 6), 4.0)
@@ -123,7 +127,7 @@ class FrequencyResponse(TableResult):
     model: AnyModel
     size: int
     error: float
-    direction: Literal["x", "z"] = "x"
+    direction: Letter = "x"
 
     def _columns(self) -> dict[str, Any]:
         return {
@@ -140,7 +144,7 @@ def frequency_response(
     *,
     input: Input = "base",
     output: Literal["tip"] | float = "tip",
-    direction: Literal["x", "z"] = "x",
+    direction: Letter = "x",
     tolerance: float = 1e-3,
 ) -> FrequencyResponse:
     """Displacement of a place per unit harmonic force, moment or motion of the base.
@@ -164,7 +168,9 @@ def frequency_response(
             relative to the base.
         direction: direction of the load or of the base's motion, and of the displacement: "x", or
             for a model in three dimensions "z". If its pipe rests bent, that is across the plane of
-            rest; a small load in one of the two directions causes no displacement in the other.
+            rest; a small load in one of the two directions causes no displacement in the other. A
+            base may also move along "y", the straight pipe; the displacement is then along x, and
+            a pipe that rests straight does not respond.
         tolerance: error of the lines between chosen frequencies, relative to |response| at the
             larger of their ends, in [1e-6, 0.1].
 
@@ -184,15 +190,17 @@ def frequency_response(
         (0.435537-0.580465j)
     """
     checked = checked_model(model)
-    if check.choice("direction", direction, ("x", "z")) == "z" and model.dimensions == 2:
+    if check.choice("direction", direction, LETTERS) == "z" and model.dimensions == 2:
         raise ValueError(
-            f"direction must be 'x' for a model that moves in a plane, got {direction!r}; take "
-            "dimensions=3"
+            f"direction must be 'x' or 'y' for a model that moves in a plane, got {direction!r}; "
+            "take dimensions=3"
         )
     model = checked
     u = steady_speed("u", u, high=largest_speed(model))
     tolerance = check.real("tolerance", tolerance, low=1e-6, high=0.1)
     driven, place = checked_input(input), checked_output(output, model.pipe.tip_place)
+    if direction == "y" and not isinstance(driven, str):
+        raise ValueError("direction must be 'x' or 'z' for a force or a moment, got 'y'")
     if isinstance(model, Model) and model.dof > DENSE_LIMIT:
         raise ValueError(
             f"model must have at most {DENSE_LIMIT} degrees of freedom for frequency_response, "
@@ -211,6 +219,7 @@ def frequency_response(
         low, high = float(given.min()), float(given.max())
     asked = at_rest(_with_joint(model, driven), u)
     across = direction == "z" and model.dimensions == 3
+    along = AXES[2 * across + (direction == "y")]
     poles, one, stable = _poles(asked, u, high, across)
     if high == math.inf:
         turning = np.sort(poles.imag[poles.imag > 0.0])
@@ -219,7 +228,7 @@ def frequency_response(
         high = 1.2 * float(turning[:RESONANCES][-1])
 
     def ask(one: Model) -> _Response:
-        return _Response(at_rest(one, u), u=u, input=driven, output=place, across=across)
+        return _Response(at_rest(one, u), u, driven, place, across, along)
 
     first = ask(one)
     with one_thread(first.rows):
@@ -321,10 +330,17 @@ class _Response:
     The load is f(omega) = sum over j of (i omega)^j times column j of `loads`, (dof, 3). The
     equations are solved in a basis, which spans all coordinates of a small model. In three
     dimensions they are those of one plane, in which the load acts: of rest, or `across` it.
+    along: direction of a moving base, shape (3,).
     """
 
     def __init__(
-        self, model: Model, u: float, input: Input, output: float, across: bool = False
+        self,
+        model: Model,
+        u: float,
+        input: Input,
+        output: float,
+        across: bool = False,
+        along: Array = AXES[0],
     ) -> None:
         self.model, self.pencil, self.u = model, model.pencil().planes()[across], u
         self.dof = self.pencil.dof
@@ -332,7 +348,7 @@ class _Response:
         own = slice(across * self.dof, (1 + across) * self.dof)  # elastic coordinates of the plane
         self.loads = np.zeros((self.dof, 3))
         if isinstance(input, str):
-            self.loads = _base_loads(model, u, across)[own]
+            self.loads = _base_loads(model, u, along)[own]
         else:
             kind, place = input
             self.loads[:, 0] = _displacement(model, float(place), across, int(kind == "moment"))[
@@ -448,10 +464,23 @@ def _output_displacement(output: Array, x: Complex) -> Complex:
     return found
 
 
-def base_solution(model: Model, u: float, omega: float) -> Complex:
-    """Complex coordinates q per unit amplitude of the base at a frequency, shape (dof,)."""
-    found = _Response(model, u, "base", 1.0).solution(omega)
-    return np.asarray(model.from_elastic(found), dtype=np.complex128)
+def base_solution(model: Model, u: float, omega: float, vector: Complex) -> Complex:
+    """Complex coordinates q for a complex amplitude of the base, (3,), at a frequency, (dof,)."""
+    parts = vector.real, vector.imag
+    real, imaginary = (
+        _solution_for(model, u, omega, _base_loads(model, u, part)) for part in parts
+    )
+    return np.asarray(model.from_elastic(real + 1j * imaginary), dtype=np.complex128)
+
+
+def _solution_for(model: Model, u: float, omega: float, loads: Array) -> Complex:
+    """Elastic coordinates for loads on all of them, (dof, 3), at a frequency, shape (dof,)."""
+    found = []
+    for across, own in enumerate(np.split(loads, model.dimensions - 1)):
+        response = _Response(model, u, ("force", 1.0), 1.0, bool(across))
+        response.loads = own
+        found.append(response.solution(omega))
+    return np.concatenate(found)
 
 
 def harmonic_solution(model: Model, u: float, omega: float, numbers: Complex) -> Complex:
@@ -466,12 +495,11 @@ def harmonic_solution(model: Model, u: float, omega: float, numbers: Complex) ->
     drives = np.eye(numbers.size, ROWS + numbers.size, ROWS).T
     load = _drive_loads(model, u, drives) @ numbers
     plain = model.with_applied(())
-    found = np.zeros(model.dof, dtype=np.complex128)
-    for part, factor in ((load.real, 1.0), (load.imag, 1j)):
-        one = _Response(plain, u, ("force", 1.0), 1.0)
-        one.loads = np.stack([part, 0.0 * part, 0.0 * part], axis=1)
-        found += factor * one.solution(omega)
-    return np.asarray(model.from_elastic(found), dtype=np.complex128)
+    real, imaginary = (
+        _solution_for(plain, u, omega, np.stack([part, 0.0 * part, 0.0 * part], axis=1))
+        for part in (load.real, load.imag)
+    )
+    return np.asarray(model.from_elastic(real + 1j * imaginary), dtype=np.complex128)
 
 
 def _displacement(model: Model, s: float, across: bool, derivative: int = 0) -> Array:
@@ -484,15 +512,16 @@ def _displacement(model: Model, s: float, across: bool, derivative: int = 0) -> 
     return found.reshape(-1, model.dof)[int(across)]
 
 
-def _base_loads(model: Model, u: float, across: bool) -> Array:
-    """Loads by position, velocity and acceleration of the base along x, or along z, (dof, 3).
+def _base_loads(model: Model, u: float, along: Array) -> Array:
+    """Loads by position, velocity and acceleration of the base in a direction (3,), (dof, 3).
 
     The equations of motion at rest are linear in these. All resistance and stiffness fixed to the
     ground acts on the position and velocity of the base, and all mass on its acceleration.
     """
     model.require_base()
     drives = np.zeros((ROWS, 3))
-    drives[[7, 8, 9] if across else [1, 3, 5], [0, 1, 2]] = 1.0
+    for order, rows in enumerate(BASE_ROWS):
+        drives[rows, order] = along
     return _drive_loads(model, u, drives)
 
 

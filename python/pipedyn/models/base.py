@@ -34,6 +34,9 @@ ROWS = 10
 """Number of rows of a drive: u', then position, velocity and acceleration of the base, (x, y) each,
 then z of each."""
 
+BASE_ROWS = [1, 2, 7], [3, 4, 8], [5, 6, 9]
+"""Rows of position, velocity and acceleration of the base in a drive, (x, y, z) each."""
+
 COMPLEX_STEP = 1e-30
 """Size of a complex step: no difference cancels, and its square is lost beside any number."""
 

@@ -513,7 +513,8 @@ class SpatialChain(SpatialModel):
     @cached_property
     def core(self) -> _core.SpatialChain:
         segments = core_segments(self._planar, spring=self._planar._own_joints)
-        return _core.SpatialChain(core_pipe(self._pipe), segments, self._planar._held.tolist())
+        held = self._planar._held.tolist()
+        return _core.SpatialChain(core_pipe(self._pipe, self._applied), segments, held)
 
     @property
     def _held_places(self) -> Array:

@@ -11,25 +11,30 @@ vary in time.
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Literal, Self, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn.models.pipe import Pipe, checked_pipe, scaled_by
 from pipedyn.models.scales import beyond, like_water
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import warn_of_number
 from pipedyn.util.result import Units
 
-Direction = Literal["x", "y"]
-DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
+Letter = Literal["x", "y", "z"]
+LETTERS: tuple[Letter, ...] = get_args(Letter)
+
+Direction: TypeAlias = Letter | tuple[complex, complex, complex]
+"""A direction along an axis, or three numbers (x, y, z), complex if components are out of phase."""
 
 LARGEST_SPEED = 1e4
 """Largest flow speed: at it the thrust u^2 is 1e8 times the elastic stiffness, so that rounding
@@ -57,11 +62,11 @@ HIGHEST_DEGREE = 48
 MISSED = 1e-6
 """Largest share of a force along the pipe that its polynomial may miss, at the times checked."""
 
-Place: TypeAlias = tuple[float, float]
+Place: TypeAlias = tuple[float, ...]
 
 Base: TypeAlias = Callable[[float], Place] | tuple[Callable[[float], Place], ...]
-"""A function of time that gives the base's place (X, Y), or a tuple of it and its first and second
-derivative."""
+"""A function of time that gives the base's place (X, Y), in three dimensions (X, Y, Z), or a tuple
+of it and its first and second derivative."""
 
 
 @dataclass(frozen=True)
@@ -154,20 +159,26 @@ class Pulsation(_Drive):
 @saved_as("Harmonic", added=("of_si",))
 @dataclass(frozen=True)
 class Harmonic(_Drive):
-    """A base that oscillates as amplitude cos(frequency t) along x or y, with y downward.
+    """A base that oscillates as amplitude cos(frequency t) in a direction, or on an ellipse.
 
-    A call with a time returns the position (X, Y).
+    A call with a time returns the position: (X, Y) with a direction "x" or "y", else (X, Y, Z).
 
     Attributes:
-        amplitude: amplitude of the base's displacement, in L.
+        amplitude: amplitude of the base's displacement, in L: its farthest distance from rest.
         frequency: angular frequency, in 1 / T, > 0.
-        direction: "x", across the pipe, or "y", along it.
+        direction: "x" or "z", across the pipe, or "y", along it, downward; or three numbers (x, y,
+            z), whose size has no effect. If they are complex, the base moves as the real part of
+            them times exp(i frequency t): with (1, 0, -1j) on a circle that turns from x to z.
+            Models that move in a plane need z = 0.
 
     Example:
         >>> shaken = pp.Harmonic(amplitude=0.01, frequency=3.5)
         >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 5), 3.0, 10.0, np.zeros(5), base=shaken)
         >>> round(float(np.ptp(motion.tip[:, 0])), 4)
         0.0183
+        >>> stirred = pp.Harmonic(amplitude=0.01, frequency=np.pi, direction=(1, 0, -1j))
+        >>> np.round(stirred(0.5), 12)
+        array([0.  , 0.  , 0.01])
 
     Raises:
         ValueError: for a number out of its range, NaN or infinity, or another direction.
@@ -182,7 +193,7 @@ class Harmonic(_Drive):
         vars(self).update(
             amplitude=check.real("amplitude", self.amplitude, low=-1e6, high=1e6),
             frequency=_frequency(self.frequency),
-            direction=check.choice("direction", self.direction, DIRECTIONS),
+            direction=_direction(self.direction),
         )
         for far in beyond("amplitude over the pipe's length", abs(self.amplitude), (0.0, 1.0)):
             warn_of_number(f"{far}: not in mm, where from_si takes m?")
@@ -209,21 +220,57 @@ class Harmonic(_Drive):
         """Period of the motion, in T."""
         return 2.0 * math.pi / self.frequency
 
-    def along(self, value: float) -> Place:
-        """The vector (x, y) of a displacement, velocity or acceleration along the direction."""
-        return (value, 0.0) if self.direction == "x" else (0.0, value)
+    @cached_property
+    def vector(self) -> Complex:
+        """Complex amplitude a, shape (3,): the base is at the real part of a exp(i frequency t)."""
+        if isinstance(self.direction, str):
+            return np.asarray(self.amplitude * np.eye(3)[LETTERS.index(self.direction)] + 0.0j)
+        given = np.array(self.direction, dtype=np.complex128)
+        given /= np.abs(given).max()
+        square = float(np.sum(np.abs(given) ** 2)) + abs(complex(np.sum(given**2)))
+        return np.asarray(self.amplitude * given / math.sqrt(0.5 * square))
+
+    @property
+    def across(self) -> bool:
+        """Whether the base moves across the straight pipe."""
+        return bool(self.vector[[0, 2]].any())
+
+    def _derivative(self, t: float, order: int) -> Place:
+        turn = (1j * self.frequency) ** order * cmath.exp(1j * self.frequency * t)
+        found = (turn * self.vector).real.tolist()
+        return tuple(found[:2] if self.direction in ("x", "y") else found)
 
     def __call__(self, t: float) -> Place:
-        """Position (X, Y)."""
-        return self.along(self.amplitude * math.cos(self.frequency * t))
+        """Position (X, Y), or (X, Y, Z)."""
+        return self._derivative(t, 0)
 
     def velocity(self, t: float) -> Place:
-        """Velocity (X', Y')."""
-        return self.along(-self.amplitude * self.frequency * math.sin(self.frequency * t))
+        """Velocity (X', Y'), or (X', Y', Z')."""
+        return self._derivative(t, 1)
 
     def acceleration(self, t: float) -> Place:
-        """Acceleration (X'', Y'')."""
-        return self.along(-self.amplitude * self.frequency**2 * math.cos(self.frequency * t))
+        """Acceleration (X'', Y''), or (X'', Y'', Z'')."""
+        return self._derivative(t, 2)
+
+    def in_plane(self) -> tuple[Harmonic, float]:
+        """The motion turned about the axis into the plane z = 0, and the angle of its own plane.
+
+        The angle is from x towards z. A motion that lies in no plane through the axis is returned
+        as it is, with 0.
+        """
+        x, y, z = self.vector.tolist()
+        angle = _azimuth_of(np.array([[x, z]]))
+        if not angle:
+            return self, 0.0
+        return replace(self, direction=(math.cos(angle) * x + math.sin(angle) * z, y, 0.0)), angle
+
+    def require_dimensions(self, dimensions: int) -> None:
+        """Raises ValueError if the base leaves the plane of a model in two dimensions."""
+        if dimensions == 2 and self.vector[2]:
+            raise ValueError(
+                "base must stay in the plane of x and y, in which the model moves, got "
+                f"direction={self.direction!r}; one made with dimensions=3 also moves along z"
+            )
 
 
 @saved_as("Force", added=("of_si",))
@@ -231,14 +278,16 @@ class Harmonic(_Drive):
 class Force(_Drive):
     """A force of the user's own that varies in time, at one place or all along the pipe.
 
-    Its components across and along the straight pipe, x and y (downward), do not turn with the
-    pipe. A force along the pipe, such as a pressure times the width on which it acts, is a force
-    per length of the pipe.
+    Its components, x across and y along the straight pipe (downward), in three dimensions also z
+    across, do not turn with the pipe. A force along the pipe, such as a pressure times the width on
+    which it acts, is a force per length of the pipe.
 
     Attributes:
         function: for a force at one place, a function of the time t to the component x or to a
-            pair (x, y); for a force along the pipe, a function of arc lengths s, shape (p,), and of
-            t to components x, shape (p,) or one number, or to pairs (p, 2). It must be smooth in s:
+            pair (x, y), in three dimensions to a triple (x, y, z); for a force along the pipe, a
+            function of arc lengths s, shape (p,), and of t to components x, shape (p,) or one
+            number, or to pairs (p, 2), in three dimensions triples (p, 3). A model takes as many
+            components as it has dimensions, or x alone. The function must be smooth in s:
             a polynomial of degree 48 must represent it to 1e-6. It may jump in time, but `simulate`
             may pass over what lasts less than a hundredth of a motion, unless `max_step` is
             shorter. If a frequency is given, the function's argument is the phase frequency * t in
@@ -328,8 +377,8 @@ class Force(_Drive):
         amplitude = check.real("amplitude", amplitude) / unit
         return cls(function, at, frequency, amplitude).as_of_si()
 
-    def components(self, places: Array, t: float) -> Array:
-        """Components (x, y) at a time, at places (p,) or at the force's own place, shape (p, 2).
+    def components(self, places: Array, t: float, dimensions: int = 2) -> Array:
+        """Components at a time, at places (p,) or at the force's own place, (p, dimensions).
 
         Raises ValueError if the function fails or returns no such numbers.
         """
@@ -348,18 +397,51 @@ class Force(_Drive):
             values = check.doubles("force", found, "numbers")
         except (TypeError, ValueError):
             values = np.full((), math.nan)
-        pair = (2,) if self.at is not None else (count, 2)
-        made = np.zeros((count, 2))
-        if values.shape not in ((), (count,), pair) or not np.isfinite(values).all():
+        vector = (dimensions,) if self.at is not None else (count, dimensions)
+        made = np.zeros((count, dimensions))
+        if values.shape not in ((), (count,), vector) or not np.isfinite(values).all():
+            named = "x and y in a plane" if dimensions == 2 else "x, y and z in three dimensions"
             raise ValueError(
                 f"force({t:g}) must give finite numbers, one or of shape ({count},) for x or "
-                f"{pair} for x and y, got {check.shown(found)}"
+                f"{vector} for {named}, got {check.shown(found)}"
             )
-        if values.shape == pair:
+        if values.shape == vector:
             made[:] = values
         else:
             made[:, 0] = values
         return self.amplitude * made
+
+    def in_plane(self) -> tuple[Force, float]:
+        """The force of a function of the phase, turned into the plane z = 0, as for `Harmonic`."""
+        if self.function is None or self.frequency is None:
+            return self, 0.0
+        times = np.linspace(0.0, 2.0 * math.pi / self.frequency, TRIED)
+        places = np.linspace(0.0, 1.0, 9)
+        values = np.concatenate([self.components(places, t, 3) for t in times.tolist()])
+        angle = _azimuth_of(values[:, ::2])
+        if not angle:
+            return self, 0.0
+        return replace(
+            self, function=partial(_force_in_plane, replace(self, amplitude=1.0), angle)
+        ), angle
+
+
+def _azimuth_of(across: NDArray[Any]) -> float:
+    """Angle from x towards z of the plane of vectors (x, z), (k, 2), real or complex; 0 if none."""
+    (xx, xz), (_, zz) = (across.T @ across.conj()).real.tolist()
+    angle = 0.5 * math.atan2(2.0 * xz, xx - zz)
+    beside = across @ np.array([-math.sin(angle), math.cos(angle)])
+    return angle if np.abs(beside).max() <= 1e-12 * np.abs(across).max() else 0.0
+
+
+def _force_in_plane(force: Force, angle: float, *arguments: Any) -> Array:
+    """Components of a force in the plane at an angle from x towards z, turned into that of x."""
+    *places, phase = arguments
+    assert force.frequency is not None
+    at = places[0] if places else np.zeros(1)
+    x, y, z = force.components(at, phase / force.frequency, 3).T
+    found = np.stack([math.cos(angle) * x + math.sin(angle) * z, y, 0.0 * z], axis=1)
+    return found if places else found[0]
 
 
 def _force_in_si(
@@ -392,6 +474,7 @@ class AppliedForces:
     Args:
         forces: the forces.
         times: times at which they are checked, shape (k,).
+        dimensions: number of dimensions of the model.
 
     Attributes:
         laws: law, place and numbers of each force, as the core's pipe takes terms.
@@ -402,26 +485,29 @@ class AppliedForces:
             whose function fails.
     """
 
-    def __init__(self, forces: Sequence[Force], times: Array) -> None:
+    def __init__(self, forces: Sequence[Force], times: Array, dimensions: int = 2) -> None:
+        self.dimensions = dimensions
         self.laws: list[tuple[str, float, list[float]]] = []
         self._parts: list[tuple[Force, Array, Array]] = []  # with places, values to coefficients
         self.rows = 0
         for force in forces:
-            first, degree = 0.5 * self.rows, 0
+            first, degree = float(self.rows // 3), 0
             if force.at is None:
-                degree = _degree_along(force, times)
+                degree = _degree_along(force, times, dimensions)
                 self.laws.append(("applied_load", 0.0, [first, degree + 1.0]))
             else:
                 for t in times.tolist():
-                    force.components(np.zeros(1), t)
+                    force.components(np.zeros(1), t, dimensions)
                 self.laws.append(("applied_force", force.at, [first]))
             self._parts.append((force, *_to_chebyshev(degree + 1)))
-            self.rows += 2 * (degree + 1)
+            self.rows += 3 * (degree + 1)
 
     def __call__(self, t: float) -> Array:
-        """The numbers at a time, shape (rows,)."""
-        found = [to @ force.components(places, t) for force, places, to in self._parts]
-        return np.concatenate(found).ravel()
+        """The numbers at a time, shape (rows,): x, y and z of each coefficient."""
+        made, size = np.zeros((self.rows // 3, 3)), self.dimensions
+        found = [to @ force.components(places, t, size) for force, places, to in self._parts]
+        np.concatenate(found, out=made[:, :size])
+        return made.ravel()
 
 
 def _to_chebyshev(count: int) -> tuple[Array, Array]:
@@ -432,16 +518,16 @@ def _to_chebyshev(count: int) -> tuple[Array, Array]:
     return 0.5 * (1.0 + x), to.astype(np.float64)
 
 
-def _degree_along(force: Force, times: Array) -> int:
+def _degree_along(force: Force, times: Array, dimensions: int) -> int:
     """Degree of the polynomial of the arc length that represents a force at some times."""
     places, to = _to_chebyshev(HIGHEST_DEGREE + 1)
-    series = np.array([to @ force.components(places, t) for t in times.tolist()])
+    series = np.array([to @ force.components(places, t, dimensions) for t in times.tolist()])
     sizes = np.abs(series).max(axis=(0, 2))
     seen = np.linspace(0.0, 1.0, TRIED_PLACES)
     powers = np.polynomial.chebyshev.chebvander(2.0 * seen - 1.0, HIGHEST_DEGREE)
     missed, size = 0.0, float(sizes.max())
     for k in range(0, len(times), 10):
-        values = force.components(seen, float(times[k]))
+        values = force.components(seen, float(times[k]), dimensions)
         size = max(size, float(np.abs(values).max()))
         missed = max(missed, float(np.abs(values - powers @ series[k]).max()))
     if missed > MISSED * size:
@@ -640,6 +726,20 @@ def require_steady(name: str, given: Any) -> None:
             )
 
 
+def _direction(value: Any) -> Direction:
+    """The direction of a `Harmonic`, refused unless it is a letter or three numbers, not all 0."""
+    if isinstance(value, str):
+        return check.choice("direction", value, LETTERS)
+    said = "'x', 'y', 'z' or three numbers (x, y, z)"
+    given = check.numbers("direction", value, said, kinds="iufc")
+    if given.shape != (3,) or not np.isfinite(given).all() or not given.any():
+        raise ValueError(
+            f"direction must be {said}, finite and not all 0, got {check.shown(value)}"
+        )
+    x, y, z = (given + 0.0).tolist()
+    return (x, y, z)
+
+
 def _frequency(value: Any) -> float:
     return check.real("frequency", value, low=0.0, high=LARGEST_FREQUENCY, open_low=True)
 
@@ -661,7 +761,8 @@ class Drive:
         low: the first time at which functions are called.
         high: the last time at which functions are called.
         forces: the forces.
-        dimensions: number of coordinates of the base's place; of two, Z is 0.
+        dimensions: number of dimensions of the model: of coordinates of the base's place, and of
+            components of the forces.
 
     Raises:
         ValueError: for speeds below 0, numbers that are not finite, or results of wrong shape.
@@ -677,13 +778,16 @@ class Drive:
         forces: Sequence[Force] = (),
         dimensions: int = 2,
     ) -> None:
-        self.dimensions = dimensions
+        self._entries = dimensions  # of the base's place; a `Harmonic` has its own number
+        if isinstance(base, Harmonic):
+            base.require_dimensions(dimensions)
+            self._entries = len(base(low))
         self.low, self.step = low, min(STEP, (high - low) / 16.0)
         self.last = high - 4.0 * self.step
         self._speed = _with_derivatives("u", u, 1)
         self._base = None if base is None else _with_derivatives("base", base, 2)
         times = np.linspace(low, high, TRIED)
-        self.forces = AppliedForces(forces, times)
+        self.forces = AppliedForces(forces, times, dimensions)
         for t in times.tolist():
             self._at(t)
 
@@ -701,25 +805,24 @@ class Drive:
         forces = self.forces(t).tolist() if self.forces.rows else ()
         if self._base is None:
             return (*u, *rate, *(0.0,) * 9, *forces)
-        planar = self.dimensions == 2 or isinstance(self._base[0], Harmonic)
-        moves = self._evaluated("base", self._base, t, 2 if planar else 3)
-        across = (0.0, 0.0, 0.0) if planar else (one[2] for one in moves)
+        moves = self._evaluated("base", self._base, t, self._entries)
+        across = (0.0, 0.0, 0.0) if self._entries == 2 else (one[2] for one in moves)
         return (*u, *rate, *(x for one in moves for x in one[:2]), *across, *forces)
 
     @cached_property
     def numbers(self) -> tuple[float, ...] | None:
         """Numbers by which the core computes the drive itself, if speed and base only oscillate.
 
-        They are mean speed, relative amplitude and frequency of the flow; amplitudes along x and y
-        of the base and its frequency.
+        They are mean speed, relative amplitude and frequency of the flow; frequency of the base,
+        and real and imaginary parts of its complex amplitude, along x, y and z each.
         """
         speed = self._speed[0]
         base = Harmonic(0.0, 1.0) if self._base is None else self._base[0]
         oscillates = isinstance(speed, Pulsation) and isinstance(base, Harmonic)
         if self.forces.rows or not oscillates:
             return None
-        along = base.along(base.amplitude)
-        return (speed.mean, speed.amplitude, speed.frequency, *along, base.frequency)
+        parts = base.vector.real.tolist() + base.vector.imag.tolist()
+        return (speed.mean, speed.amplitude, speed.frequency, base.frequency, *parts)
 
     def _evaluated(self, name: str, functions: Any, t: float, entries: int) -> list[Any]:
         """Values and derivatives of functions at a time, `entries` numbers each."""

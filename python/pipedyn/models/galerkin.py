@@ -524,7 +524,8 @@ class SpatialGalerkin(SpatialModel):
         planar = self._planar
         legendre = planar.basis == "legendre"
         return _core.SpatialGalerkin(
-            core_pipe(self._pipe), legendre, planar.coordinates, planar._joints, planar._more
+            core_pipe(self._pipe, self._applied),
+            *(legendre, planar.coordinates, planar._joints, planar._more),
         )
 
     @property
@@ -555,7 +556,7 @@ class SpatialGalerkin(SpatialModel):
         return np.concatenate([table @ half for half in np.split(p, 2)])
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        found = np.abs(self._slopes_of(np.linspace(0.0, 1.0, 401), p))
+        found = np.abs(self._slopes_of(np.linspace(0.0, 1.0, 401), p.reshape(len(p), -1)))
         return float(np.hypot(*np.split(found, 2)).max())
 
     def _nodes_to(self, p: Array, places: Array) -> Iterator[tuple[Array, Array]]:

@@ -8,7 +8,7 @@ along (x, y, z) with rho = hypot(a_x, a_z); x and z are across the straight pipe
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Self
@@ -146,21 +146,12 @@ class SpatialModel(MeetsSupports, Model):
     def with_pipe(self, pipe: Pipe) -> Self:
         """The model with another pipe, as for `Model`."""
         other = type(self)(self._planar.with_pipe(pipe))
-        other._reference = self._reference
+        other._reference, other._applied = self._reference, self._applied
         return other
-
-    def with_applied(self, laws: Sequence[Any]) -> Self:
-        """The model itself; raises ValueError for forces, which have no third component."""
-        if laws:
-            raise ValueError(
-                "force must be None in three dimensions, where forces that vary in time have no "
-                f"equations, got {len(laws)} of them"
-            )
-        return self
 
     def about(self, q: ArrayLike) -> Self:
         """A copy that is linearised about a configuration in the plane z = 0, as for `Model`."""
-        other = type(self)(self._planar)
+        other = self.with_pipe(self._pipe)
         other._reference = self._required_straight(self._in_plane(q))
         return other
 

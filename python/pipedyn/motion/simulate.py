@@ -879,14 +879,11 @@ def checked_model_in_motion(
     largest: float = math.inf,
     purpose: str = "",
     *,
-    planar: bool = False,
     symmetric: bool = False,
 ) -> Model:
     """The argument, refused unless it has equations of motion and at most `largest` dof.
 
-    `planar`: whether models in three dimensions are refused, where their symmetry about the axis
-    makes each answer one of a circle of answers. `symmetric`: whether those without that symmetry
-    are refused.
+    `symmetric`: whether models in three dimensions are refused that turns about the axis change.
     """
     if not isinstance(model, Model):
         raise TypeError(
@@ -894,11 +891,6 @@ def checked_model_in_motion(
             f"Continuum.frozen(m)), got {check.shown(model)}"
         )
     model.require_large_motions(name)
-    if planar and model.dimensions == 3:
-        raise ValueError(
-            f"{name} must move in a plane for {purpose}, got {check.shown(model)}: take "
-            "its .planar; in three dimensions ask simulate, hopf, limit_cycle and rotating_motion"
-        )
     if symmetric and model.dimensions == 3 and not model.pipe.symmetric_about_axis:
         raise ValueError(
             f"{name} must be the same in all directions across its axis for {purpose}, without a "

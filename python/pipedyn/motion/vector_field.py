@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.models.base import ROWS, Model
+from pipedyn.models.base import BASE_ROWS, ROWS, Model
 from pipedyn.models.drive import TRIED, AppliedForces, Force, Harmonic, Pulsation
 from pipedyn.models.reduced_supports import STENCIL
 from pipedyn.util.archive import saved_as
@@ -124,10 +124,16 @@ class VectorField:
         """df/dw by the frequency w of an orbit, at the k states; 0 if the motion is not forced."""
         return np.zeros_like(y)
 
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether every motion turned about the axis of the straight pipe is a motion."""
+        return self.model.axisymmetric
+
     def is_odd(self, u: float) -> bool:
         """Whether the mirror image of every motion is a motion, tested at three states.
 
-        The mirror image of a forced motion is shifted by half a period of the orbit.
+        In three dimensions the image is turned by 180 degrees about the axis. The mirror image of a
+        forced motion is shifted by half a period of the orbit.
         """
         if self.resting().any():
             return False
@@ -179,11 +185,13 @@ class ForcedField(VectorField):
         self._known = dict[bytes, Array]()  # its numbers, by phases
         if isinstance(forcing, Force):
             one = replace(forcing, amplitude=1.0)
-            self._forces = AppliedForces([one], phase_times(one))
+            self._forces = AppliedForces([one], phase_times(one), model.dimensions)
             model = model.with_applied(self._forces.laws)
         super().__init__(model)
         self.forcing, self.order = forcing, order
         self.base = forcing if isinstance(forcing, Harmonic) else base
+        if self.base is not None:
+            self.base.require_dimensions(model.dimensions)
         self._root: ForcedField = self
         assert forcing.frequency is not None
         self._phases, self._frequency = np.zeros(1), forcing.frequency
@@ -210,6 +218,16 @@ class ForcedField(VectorField):
         else:
             self._root._count(states)
 
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether every motion turned about the axis is a motion: none if the forcing is across."""
+        if not super().axisymmetric or (self.base is not None and self.base.across):
+            return False
+        if self._forces is None:
+            return True
+        along = self.force_numbers(np.linspace(0.0, 2.0 * math.pi, TRIED))
+        return not along.reshape(-1, 3, TRIED)[:, ::2].any()
+
     def flow(self, u: float, frequency: float) -> float | Pulsation:
         """The flow along an orbit with the given frequency: a pulsation with mean u, or u."""
         if isinstance(self.forcing, Pulsation):
@@ -223,10 +241,9 @@ class ForcedField(VectorField):
             drive[0] = -u * flow.amplitude * w * np.sin(phases)
             speeds = u * (1.0 + flow.amplitude * np.cos(phases))
         if base is not None:
-            row = 1 if base.direction == "x" else 2
-            drive[row] = base.amplitude * np.cos(phases)
-            drive[row + 2] = -base.amplitude * w * np.sin(phases)
-            drive[row + 4] = -base.amplitude * w**2 * np.cos(phases)
+            moves = np.outer(base.vector, np.exp(1j * phases))
+            for order, rows in enumerate(BASE_ROWS):
+                drive[rows] = ((1j * w) ** order * moves).real
         if isinstance(flow, Force):
             drive = np.concatenate([drive, flow.amplitude * self.force_numbers(phases)])
         return speeds, drive
@@ -296,12 +313,14 @@ class Excitation:
             return False
         if self.force is not None and not self.shifts:
             return False
+        if self.base is not None and self.base.across and self.base.vector[1]:
+            return False
         return VectorField(model).is_odd(self.mean)
 
     @property
     def shifts(self) -> bool:
         """Whether the mirrored motion is half a period later, as for a base that moves across."""
-        across = self.base is not None and self.base.direction == "x"
+        across = self.base is not None and self.base.across
         return across or (self.force is not None and self.force.function is None)
 
     def whole(self, time: float) -> float:

@@ -13,9 +13,10 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn import _core
-from pipedyn.continuation.arclength import Continuation, Control, Solver
+from pipedyn.continuation.arclength import EVERY, Continuation, Control, Solver
 from pipedyn.motion.sampling import farthest_direction
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.periodic_orbit import (
@@ -33,6 +34,8 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import count_factorisations
 from pipedyn.util.newton import NewtonFailed
+
+NONE: Array = np.empty(0)
 
 LOSS = 1e5
 """Largest entry of a product of intervals' maps: its rounding error is then 1e-11."""
@@ -70,6 +73,8 @@ class Linearised:
         phase: row and value of the condition row @ unknowns = value that fixes the phase or, for a
             forced motion, the speed.
         speed_varies: whether the speed is an unknown.
+        azimuth: row that is 0 on unknowns of orbits that are not turned about the axis of a pipe in
+            three dimensions, if such turns change nothing; by default the orbit's change by a turn.
     """
 
     def __init__(
@@ -78,16 +83,34 @@ class Linearised:
         orbit: PeriodicOrbit,
         phase: tuple[Array, float],
         speed_varies: bool = False,
+        azimuth: Array | None = None,
     ) -> None:
         self.orbit, self._phase = orbit, phase
         self._equations = condensed(motion, orbit, speed_varies)
+        self._turned, self._turn = turn_of(motion, orbit), NONE
+        if self._turned.any():
+            first = self._turned[: motion.size] / _units(motion.half, self._equations.unit)
+            self._turn = first / np.linalg.norm(first)
+        self._azimuth = self._turned if azimuth is None else azimuth
 
     def __call__(self, row: Array, gap: float, share: float) -> Array:
         """The change of the unknowns, in the order of `packed`, as `arclength.Solver` describes."""
+        step, turn, azimuth = self._change(row, gap, share), self._turned, self._azimuth
+        if not self._turn.size:
+            return step
+        # A turn about the axis and a change along the branch are added, so that azimuth @ z = 0.
+        ahead = self._change(row, 1.0, 0.0)
+        missing = -float(azimuth @ (step + share * self.orbit.packed()))
+        slopes = np.array([[row @ ahead, row @ turn], [azimuth @ ahead, azimuth @ turn]])
+        along, about = np.linalg.solve(slopes, [0.0, missing])
+        return np.asarray(step + along * ahead + about * turn)
+
+    def _change(self, row: Array, gap: float, share: float) -> Array:
+        """The change for which the first state is not turned about the axis."""
         phase, value = self._phase
         shift = share * (value - float(phase @ self.orbit.packed())) if share else 0.0
         count_factorisations()
-        return self._equations.change(phase, shift, row, gap, share)
+        return self._equations.change(phase, shift, row, gap, share, self._turn)
 
     @property
     def closing(self) -> tuple[Array, Array]:
@@ -97,16 +120,30 @@ class Linearised:
         """
         return self._equations.span.first, self._equations.span.last
 
-    def neutral(self, root: float = -1.0) -> Array:
+    def neutral(self, root: float = -1.0, among: slice | NDArray[np.intp] = EVERY) -> Array:
         """The change at fixed speed that minimises the error of dy(span) = root * mirror * dy(0).
 
-        With the root -1 the error is 0 where an orbit loses its symmetry or doubles its period.
+        With the root -1 the error is 0 where an orbit loses its symmetry or doubles its period. A
+        turn about the axis is left out. among: entries of dy(0) that change.
         """
         factor = root * self.orbit.mirror_sign
         first, last = self.closing
-        y = np.linalg.svd(first + factor * last)[2][-1]
+        left, y = first + factor * last, np.zeros(len(first))
+        if root == 1.0 and self._turn.size:
+            left = left + np.outer(self._turn, self._turn)
+        y[among] = np.linalg.svd(left[:, among])[2][-1]
         ends = np.concatenate([y, factor * y])[:, None]
         return self._equations.restored(ends, np.zeros((3, 1)))[:, 0]
+
+
+def turn_of(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """Change of an orbit's unknowns by a turn about the axis; empty where that makes no orbit."""
+    if not motion.axisymmetric:
+        return NONE
+    turn, (p, v) = motion.model.quarter_turn, np.split(orbit.starts.T, 2)
+    starts = np.concatenate([turn(p), turn(v)]).T
+    rates = np.moveaxis(turn(np.moveaxis(orbit.rates, 2, 0)), 0, 2)
+    return np.concatenate([starts.ravel(), rates.ravel(), [0.0, 0.0]])
 
 
 def state_units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
@@ -250,7 +287,17 @@ class OrbitProblem(Continuation):
 
     def about_orbit(self, orbit: PeriodicOrbit) -> Linearised:
         """The equations of an orbit, linearised about it."""
-        return Linearised(self.motion, orbit, self._phase, self._speed_varies)
+        given = self._phase, self._speed_varies, self._azimuth
+        return Linearised(self.motion, orbit, *given)
+
+    @cached_property
+    def _azimuth(self) -> Array:
+        """Row that is 0 on orbits not turned about the axis: the mean of z for x, and the reverse.
+
+        So orbits keep symmetries that the start has, such as that to the plane z = 0.
+        """
+        row = turn_of(self.motion, self.start)
+        return self.weights[: row.size] * row
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit's own size, its frequency and its speed."""

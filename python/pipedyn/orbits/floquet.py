@@ -92,6 +92,25 @@ def orbit_multipliers(
     Raises:
         NewtonFailed: if they overflow.
     """
+    parts, error = multipliers_by_plane(motion, orbit, tolerance)
+    return *all_multipliers(parts), error
+
+
+def all_multipliers(parts: list[tuple[Complex, Complex]]) -> tuple[Complex, Complex]:
+    """Multipliers and roots of `multipliers_by_plane` together, the largest modulus first."""
+    values, roots = (np.concatenate(each) for each in zip(*parts, strict=True))
+    order = _largest_first(values)
+    return values[order], roots[order]
+
+
+def multipliers_by_plane(
+    motion: VectorField, orbit: PeriodicOrbit, tolerance: float = MULTIPLIER_TOLERANCE
+) -> tuple[list[tuple[Complex, Complex]], float]:
+    """Floquet multipliers and their roots, as `orbit_multipliers`, and the error of the worst.
+
+    If an orbit in three dimensions lies in the plane z = 0, they are those of changes in the plane,
+    then those of changes across it; else there is one pair, of all.
+    """
     turns, error = fast_turns(motion, orbit), math.inf
     roots: Complex = np.empty(0, dtype=np.complex128)
     # The series serves only modes that the collocation resolves on a far finer mesh. With kinks at
@@ -103,11 +122,32 @@ def orbit_multipliers(
         others, other = _by_collocation(motion, orbit, parts, tolerance)
         if not other > error:
             roots, error = others, other
-    values: Complex = roots**2 if orbit.symmetric else roots
-    # Moduli are rounded, as those of a conjugate pair differ by rounding.
+    found = list[tuple[Complex, Complex]]()
+    for some in np.split(roots, len(uncoupled(motion, orbit))):
+        values = (some**2 if orbit.symmetric else some).astype(np.complex128)
+        order = _largest_first(values)
+        found.append((values[order], some[order]))
+    return found, error
+
+
+def _largest_first(values: Complex) -> NDArray[np.intp]:
+    """Order of multipliers; moduli are rounded, as those of a pair differ by rounding."""
     sizes = np.log(np.maximum(np.abs(values), 1e-300)).round(11)
-    order = np.lexsort((-values.imag, -sizes))
-    return values[order].astype(np.complex128), roots[order], error
+    return np.lexsort((-values.imag, -sizes))
+
+
+def uncoupled(motion: VectorField, orbit: PeriodicOrbit) -> list[NDArray[np.intp]]:
+    """Indices of the entries of a state whose small changes along an orbit are uncoupled.
+
+    If an orbit in three dimensions lies in the plane z = 0, they are those in the plane and those
+    across it; else all.
+    """
+    every, half = np.arange(motion.size), motion.half
+    if motion.model.dimensions == 3:
+        plane, across = every.reshape(2, 2, half // 2).swapaxes(0, 1).reshape(2, half)
+        if not (orbit.starts[:, across].any() or orbit.rates[..., across[: half // 2]].any()):
+            return [plane, across]
+    return [every]
 
 
 def parts_for(turns: Array, tolerance: float) -> NDArray[np.int_]:
@@ -235,8 +275,14 @@ def _worst_change(before: Complex, after: Complex) -> float:
 def _roots_of_maps(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
     """Roots of the multipliers from the maps of intervals, in units of the state."""
     free = motion.model.free_states(orbit.starts[0]) if motion.constrained else None
-    allowed = None if free is None else free / units[:, None]
-    return np.asarray(orbit.mirror_sign * eigenvalues_through(maps, allowed))
+    found, parts = list[Complex](), uncoupled(motion, orbit)
+    for part in parts:
+        own = maps if len(parts) == 1 else maps[:, part[:, None], part]
+        allowed = None if free is None else free[part] / units[part, None]
+        if allowed is not None:
+            allowed = allowed[:, allowed.any(axis=0)]
+        found.append(eigenvalues_through(own, allowed))
+    return np.asarray(orbit.mirror_sign * np.concatenate(found))
 
 
 def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:

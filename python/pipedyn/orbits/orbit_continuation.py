@@ -16,8 +16,9 @@ from itertools import islice, product
 from typing import TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Point, Segment
+from pipedyn.continuation.arclength import EVERY, Point, Segment
 from pipedyn.continuation.tracer import between_folds, reason_of
 from pipedyn.equilibrium.hopf import Hopf, HopfPoint
 from pipedyn.motion.vector_field import VectorField
@@ -147,14 +148,17 @@ def from_hopf(
     return BranchStart(base, amplitude * mode, (min(ends), max(ends)))
 
 
-def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
+def from_branch_point(
+    motion: VectorField, orbit: PeriodicOrbit, among: slice | NDArray[np.intp] = EVERY
+) -> BranchStart:
     """The start of the branch that leaves an orbit in its neutral direction.
 
-    At this orbit the branch loses its symmetry or, having none, doubles its period.
+    At this orbit the branch loses its symmetry or, having none, doubles its period. among: entries
+    of the first state that change.
     """
     equations = OrbitProblem(motion, orbit, FINE).about_orbit(orbit)
     # In the second half the perturbation has the opposite sign, relative to the orbit's own motion.
-    direction = orbit.unpacked(equations.neutral()).doubled(-1.0).packed()
+    direction = orbit.unpacked(equations.neutral(-1.0, among)).doubled(-1.0).packed()
     base = orbit.doubled()
     length = OrbitProblem(motion, base, FINE).length(direction)
     return BranchStart(base, FIRST_AMPLITUDE / length * direction)
@@ -286,11 +290,14 @@ def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
     """The part of an orbit that vanishes where its branch meets another, (k, integrated).
 
     The other branch is of equilibria ("hopf"), of orbits that are their own mirror images
-    ("pitchfork") or of orbits with half the period ("period doubling").
+    ("pitchfork"), of orbits with half the period ("period doubling") or, in three dimensions, of
+    orbits in the plane z = 0 ("z") or x = 0 ("x").
     """
     p = orbit.states(PROBES)[: orbit.half].T
     if kind == "hopf":
         return p if orbit.symmetric else p - p.mean(axis=0)
+    if kind in ("x", "z"):
+        return np.split(p, 2, axis=1)[int(kind == "z")]
     later = np.roll(p, -PROBES.size // 2, axis=0)
     return 0.5 * (p + later if kind == "pitchfork" else p - later)
 

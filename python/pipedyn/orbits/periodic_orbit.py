@@ -235,6 +235,7 @@ class PeriodicOrbit:
             np.concatenate([self.rates, again * self.rates]),
             share * self.frequency,
             self.u,
+            self.forced,
         )
 
 

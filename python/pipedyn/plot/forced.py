@@ -12,11 +12,10 @@ import numpy as np
 import scipy
 from matplotlib.axes import Axes
 
-from pipedyn.cycles.limit_cycle import amplitude_of
-from pipedyn.forced.forced_response import ForcedBranch, ForcedResponse
+from pipedyn.cycles.limit_cycle import amplitude_across, amplitude_of
+from pipedyn.forced.forced_response import FROM_REST, ForcedBranch, ForcedResponse
 from pipedyn.forced.parametric_regions import ParametricRegion, ParametricRegions
 from pipedyn.linear.frequency_response import FrequencyResponse
-from pipedyn.models.drive import Pulsation
 from pipedyn.plot import common
 from pipedyn.plot.accuracy import round_ticks
 from pipedyn.plot.arrange import legend_below
@@ -34,7 +33,10 @@ REGION_STYLES: dict[str, dict[str, Any]] = {
 BRANCH_LOOKS = dict.fromkeys(("base", "force"), (common.BLACK, 1.0))
 BRANCH_LOOKS["subharmonic"] = (common.BLUE, 1.0)
 BRANCH_LOOKS["harmonic"] = (common.ORANGE, 2.0)
-"""Colour of each kind of branch, and how wide its curve is, so that kinds differ in grey."""
+BRANCH_LOOKS["out of plane"] = (common.GREEN, 1.5)
+ACROSS_LOOK = (common.PURPLE, 0.6)
+"""Colour of each kind of branch, and how wide its curve is, so that kinds differ in grey; and those
+of the curve of the amplitude across."""
 
 INNER = (1 / 3, 2 / 3)
 """Places within a step of a branch, as shares of its length, at which amplitudes are computed, so
@@ -72,8 +74,11 @@ def frequency_response(
     shows_phase = check.flag("phase", phase)
     moved = "free end" if response.output == 1.0 else f"place $s={response.output:g}$"
     driven = "base" if isinstance(response.input, str) else response.input[0]
+    if response.direction == "z":
+        moved += " along $z$"
     view = View(units, response.model.pipe)
-    size = Measure(f"|displacement of the {moved} / {driven}|")
+    by = f"{driven} along $y$" if response.direction == "y" else driven
+    size = Measure(f"|displacement of the {moved} / {by}|")
     if driven != "base":
         size = Measure(size.label, size.label, PER_FORCE if driven == "force" else PER_MOMENT)
     ax = view.axes(ax, (6.4, 4.2), OMEGA, Measure("phase (degrees)") if shows_phase else size)
@@ -238,9 +243,9 @@ def forced_response(
     """Amplitude of periodic motions over the frequency.
 
     Stable motions are solid curves, unstable ones dashed, and branches of one kind look alike.
-    Markers show folds and other events. Of a moving base or a force the axes show the range of
-    frequencies that was asked for; of a pulsating flow they show branches to where these return to
-    rest.
+    Markers show folds and other events. Of motions out of a plane, in three dimensions, further
+    curves show the amplitude across that along which the free end moves farthest. The axes show the
+    range of frequencies that was asked for or, of branches that leave rest, all of these.
 
     Args:
         response: the response to show.
@@ -261,17 +266,19 @@ def forced_response(
     view = View(units, response.model.pipe)
     ax = view.axes(ax, (6.4, 4.2), OMEGA, AMPLITUDE)
     per, one, (low, high) = view.one(OMEGA), view.one(AMPLITUDE), (-math.inf, math.inf)
-    if response.frequencies is not None and not isinstance(response.forcing, Pulsation):
+    from_rest = any(branch.kind in FROM_REST for branch in response.branches)
+    if response.frequencies is not None and not from_rest:
         low, high = response.frequencies
         ax.set_xlim(per * low, per * high)
     for branch in response.branches:
         points, steady = _fine_curve(branch)
-        curve = smooth(*(points * [per, one]).T)
-        labels = {word: f"{branch.kind}, {word}" for word in ("stable", "unstable")}
-        (colour, wider), before = BRANCH_LOOKS[branch.kind], len(ax.lines)
-        draw_pieces(ax, curve, steady, colour, labels)
-        for line in ax.lines[before:]:
-            line.set_linewidth(wider * line.get_linewidth())
+        curve = smooth(*(points * [per, one, one]).T)
+        looks = [(str(branch.kind), BRANCH_LOOKS[branch.kind], curve[:, :2])]
+        if points[:, 2].any():
+            looks.append(("across", ACROSS_LOOK, curve[:, ::2]))
+        for name, (colour, wider), drawn in looks:
+            labels = {word: f"{name}, {word}" for word in ("stable", "unstable")}
+            draw_pieces(ax, drawn, steady, colour, labels, wider)
         for event in branch.events:
             if event.kind != "end" and low <= event.frequency <= high:
                 mark_event(ax, event.kind, [per * event.frequency, one * event.amplitude])
@@ -282,21 +289,29 @@ def forced_response(
 
 
 def _fine_curve(branch: ForcedBranch) -> tuple[Array, Array]:
-    """Frequencies and amplitudes on a branch, (k, 2), and whether each step is stable, (k - 1,).
+    """Points on a branch, (k, 3), and whether each step is stable, (k - 1,).
 
-    Between two points of the branch lie further ones on the cubic of the step between them.
+    A point is a frequency with the amplitude of the motion, and that across it. Between two points
+    of the branch lie further ones on the cubic of the step between them.
     """
     steady = branch.stable[:-1] | branch.stable[1:]  # a step to an event is stable up to it
     order = branch.motion.order
     between = {(order * step.begin.p, order * step.end.p): step for step in branch.steps}
-    points = [[branch.frequency[0], branch.amplitude[0]]]
+    across = branch.amplitude_across
+    if across is None:
+        across = np.zeros(branch.frequency.size)
+    points = [[branch.frequency[0], branch.amplitude[0], across[0]]]
     counts = []
     for k, ends in enumerate(pairwise(branch.frequency.tolist())):
         before = len(points)
         if (step := between.get(ends)) is not None:
             for share in INNER:
                 orbit = step.problem.orbit(step.guess(share * step.length))
-                points.append([order * orbit.frequency, amplitude_of(branch.motion, orbit)[0]])
-        points.append([ends[1], branch.amplitude[k + 1]])
+                sizes = (
+                    amplitude_of(branch.motion, orbit)[0],
+                    amplitude_across(branch.motion, orbit),
+                )
+                points.append([order * orbit.frequency, *sizes])
+        points.append([ends[1], branch.amplitude[k + 1], across[k + 1]])
         counts.append(len(points) - before)
     return np.array(points), np.repeat(steady, counts)

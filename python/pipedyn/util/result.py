@@ -60,7 +60,9 @@ UNIT_OF: MappingProxyType[str, Unit] = MappingProxyType(
         **dict.fromkeys(("t", "period", "duration"), TIME),
         **dict.fromkeys(("eigenvalue", "eigenvalues", "partners", "poles"), RATE),
         **dict.fromkeys(("growth_rate", "qdot"), RATE),
-        **dict.fromkeys(("tip", "tips", "amplitude", "amplitudes", "highest"), LENGTH),
+        **dict.fromkeys(
+            ("tip", "tips", "amplitude", "amplitude_across", "amplitudes", "highest"), LENGTH
+        ),
         "energy": ENERGY,
         "tip_velocity": VELOCITY,
         "curvature": CURVATURE,
