@@ -416,7 +416,7 @@ template <class Number, class Rows, class Put>
 PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& rows,
                                          const SpatialRoom<Number>& room, const Put& put) {
   SpatialSegment<Number>* const segments = room.segments;
-  const Count n = model.size;
+  const Count n = model.size, joints = n + model.guided;
   const Number u = rows.speed(), coriolis = model.coriolis * u, entry = model.entry * u;
   const SpatialDrive<Number> drive(rows);
   const Number push = model.coriolis * drive.rate;
@@ -432,22 +432,28 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
   const SegmentTerm* term = model.loads;
   const SegmentTerm* const last_term = model.loads + model.load_count;
   Count support = 0;
-  const auto join = [&](SpatialSegment<Number>& here, double damping) {
+  for (Count j = 0; j < joints; ++j) {
+    SpatialSegment<Number>& here = segments[j];
+    if (j < n) {
+      here.move(rows, n, j);
+    } else {
+      here.t = axis<Number>();
+      here.rate = here.lever = Space<Number>{};
+    }
     here.join(t0, resists);
     if (model.thrust[1] != 0.0) {
       const Number share = 0.5 * (inverse_of(Number(1.0 - here.z)) * dot(here.t, side));
       side = side - share * (t0 + here.t);
     }
-    if (!resists) return;
-    here.resist(t0, rate0, damping, spin);
-    if (damping == 0.0) return;
-    power.joints = power.joints - (1.0 / damping) * dot(here.resistance, here.resistance);
-  };
-  for (Count j = 0; j < n; ++j) {
+    if (resists) {
+      const double damping = j < n ? model.links[j].damping : model.end_damping;
+      here.resist(t0, rate0, damping, spin);
+      if (damping != 0.0) {
+        power.joints = power.joints - (1.0 / damping) * dot(here.resistance, here.resistance);
+      }
+    }
+    if (j == n) break;
     const Link& link = model.links[j];
-    SpatialSegment<Number>& here = segments[j];
-    here.move(rows, n, j);
-    join(here, link.damping);
     const Space<Number> own = velocity - drive.velocity;  // relative to the base
     const Number along = dot(here.t, own), half = 0.5 * link.length * push;
     here.force = (-link.length * (2.0 * coriolis)) * here.rate - (2.0 * half) * here.t;
@@ -499,13 +505,7 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     room.forces[2 * support + 1] = -missed.z;
     ++support;
   }
-  if (model.guided) {
-    SpatialSegment<Number>& end = segments[n];
-    end.t = axis<Number>();
-    end.rate = end.lever = Space<Number>{};
-    join(end, model.end_damping);
-    t0 = end.t;
-  }
+  if (model.guided) t0 = axis<Number>();
   const Space<Number> jet = (u * u) * (model.thrust[0] * t0 + model.thrust[1] * side),
                       end = velocity - drive.velocity;
   power.flow = power.flow - dot(coriolis * end - entry * velocity + jet, end);
@@ -513,29 +513,26 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
   Symmetric3<Number> inertia;
   Space<Number> bias = jet - entry * velocity, beyond{};
   Number twist{};
-  // Moment on a segment by its lever and both its joints, the next of which has set `beyond`.
-  const auto moment_on = [&](const SpatialSegment<Number>& here, const Space<Number>& before,
-                             double spring) {
+  for (Count j = joints - 1; j >= 0; --j) {
+    SpatialSegment<Number>& here = segments[j];
+    const Space<Number> before = j > 0 ? segments[j - 1].t : axis<Number>();
+    const double spring = j < n ? model.links[j].spring : model.end_spring;
     const Space<Number> pull = (spring * here.f) * (here.t - before);
     Space<Number> moment = beyond + here.lever - pull;
     beyond = pull;
-    if (!resists) return moment;
-    const Space<Number>& c = here.resistance;
-    const Number closing = here.by_cosine * dot(c, here.v);
-    const Space<Number> spun = (twist * here.about) * here.v;
-    moment = moment - here.f * cross(c, before) - closing * before - spun;
-    beyond = beyond - here.f * cross(here.t, c) - closing * here.t - spun +
-             cross(cross(here.bent, c), before);
-    twist = twist + dot(c, cross(before, here.bent));
-    return moment;
-  };
-  if (model.guided) moment_on(segments[n], segments[n - 1].t, model.end_spring);
-  for (Count j = n - 1; j >= 0; --j) {
+    if (resists) {
+      const Space<Number>& c = here.resistance;
+      const Number closing = here.by_cosine * dot(c, here.v);
+      const Space<Number> spun = (twist * here.about) * here.v;
+      moment = moment - here.f * cross(c, before) - closing * before - spun;
+      beyond = beyond - here.f * cross(here.t, c) - closing * here.t - spun +
+               cross(cross(here.bent, c), before);
+      twist = twist + dot(c, cross(before, here.bent));
+    }
+    if (j == n) continue;
     const Link& link = model.links[j];
     const double l = link.length;
-    SpatialSegment<Number>& here = segments[j];
-    const Space<Number> before = j > 0 ? segments[j - 1].t : axis<Number>();
-    const Across<Number> tau = here.across(moment_on(here, before, link.spring)) + here.couple;
+    const Across<Number> tau = here.across(moment) + here.couple;
     const Space<Number> of_x = inertia.times(here.nx), of_z = inertia.times(here.nz);
     const Symmetric2<Number> nn{dot(here.nx, of_x), dot(here.nz, of_x), dot(here.nz, of_z)};
     const Across<Number> nt{dot(here.t, of_x), dot(here.t, of_z)};
@@ -576,34 +573,28 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
                entry_of(ix, iy), entry_of(ix, iz), entry_of(iy, iz)};
   }
 
-  // Calls of(j, t'' across segment j, acceleration of its end) from the clamp to the free end.
   const Space<Number> start = drive.acceleration - model.gravity * in_plane<Number>(model.down);
-  const auto for_each_acceleration = [&](const auto& of) {
+  // If the pipe is held, once without its supports: that tells their forces.
+  for (bool known = model.held_count == 0;; known = true) {
     Space<Number> joint = start;
+    support = 0;
     for (Count j = 0; j < n; ++j) {
       const Link& link = model.links[j];
       const SpatialSegment<Number>& here = segments[j];
       const Across<Number> across = here.across(joint);
       const Number along = dot(here.t, joint);
       const Across<Number> free = here.free - along * here.along;
+      if (known) put(j, here, here.acceleration(free - here.turned.times(across)));
       joint = here.lifted(link.exchange * here.inverse.times(across) + link.length * free) +
               (along - link.length * here.square) * here.t;
-      of(j, free - here.turned.times(across), joint);
-    }
-  };
-  if (model.held_count > 0) {
-    support = 0;
-    for_each_acceleration([&](Count j, const Across<Number>&, const Space<Number>& joint) {
-      if (support == model.held_count || model.held[support] != j) return;
+      if (known || support == model.held_count || model.held[support] != j) continue;
       Number* const lacking = room.forces + 2 * support++;
       lacking[0] = lacking[0] - (joint.x - start.x);
       lacking[1] = lacking[1] - (joint.z - start.z);
-    });
+    }
+    if (known) break;
     hold(model, room);
   }
-  for_each_acceleration([&](Count j, const Across<Number>& turning, const Space<Number>&) {
-    put(j, segments[j], segments[j].acceleration(turning));
-  });
   return power;
 }
 
