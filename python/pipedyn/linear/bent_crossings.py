@@ -43,9 +43,9 @@ ONE_SIDED = ((0, -25 / 12), (1, 4.0), (2, -3.0), (3, 4 / 3), (4, -1 / 4))
 """Weights of values at whole steps in first derivatives of fourth order."""
 
 
-MEET = 1e-4
-"""Distance of two roots, over 1 + |lambda|, within which they meet: located to 1e-12 in the speed,
-they are some 1e-5 apart."""
+MEET = 1e-3
+"""Distance of two roots, over 1 + |lambda|, within which they meet: rounding moves both by its
+square root, and so leaves them some 2e-4 apart where they are located."""
 
 MEETING = 1e-6
 """Error of a crossing, over 1 + its speed, beyond which Newton's method has found none."""
@@ -319,6 +319,7 @@ class SearchOfRest:
         point = step.at(0.5 * (before + beyond))
         rest, u, error = point.x, point.p, abs(step.at(beyond).p - step.at(before).p)
         values, root = self._values(rest, u, plane), 0j
+        meets = False
         flutters, mode = name.startswith("flutter"), self.roots[plane].mode_of(values, root)
         if flutters:
             # Of the pairs that grow on one side, the one that grows least does not on the other.
@@ -329,7 +330,12 @@ class SearchOfRest:
             mode = self.roots[plane].mode_of(there, complex(passing))
             pairs = values[values.imag > 0.0]
             root = complex(pairs[np.argmin(np.abs(pairs - passing))])
-        if flutters or plane:
+            # Roots that meet go with the square root of the distance in speed, and have no slope.
+            apart = np.sort(np.abs(there[there.imag > 0.0] - passing))[1:2].min(initial=np.inf)
+            meets = bool(apart <= MEET * (1.0 + abs(passing)))
+            if meets:
+                root, error = complex(0.0, passing.imag), max(error, 0.25 * float(apart) ** 2)
+        if (flutters or plane) and not meets:
             rest, u, root, error = self._polished(rest, u, root, error, plane)
         made = Crossing(
             speed=u,
