@@ -469,7 +469,8 @@ class SpatialChain(SpatialModel):
     are singular for motions across the plane.
 
     Small motions of the straight pipe are those of `planar`, in two planes independently, so that
-    questions about its stability are answered by `planar`.
+    questions about its stability are answered by `planar`. About a rest that a load bends in the
+    plane z = 0, small motions in that plane and across it are uncoupled, too, and both are told.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=10, dimensions=3)
