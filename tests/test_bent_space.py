@@ -268,6 +268,18 @@ def test_onsets_of_both_planes_are_found_where_they_nearly_coincide(tilt):
         )
 
 
+def test_two_modes_of_a_sagging_pipe_without_fluid_mass_meet_in_each_plane():
+    model = in_space(level(beta=0.0, gamma=5.0))
+    for found in pp.crossings(model, 5.0):
+        (before, after) = (pp.eigenvalues(model, found.speed + step) for step in (-1e-3, 1e-3))
+        growing = after[(after.imag > 0.0) & (after.real > 1e-2)]
+        assert np.abs(growing.imag - found.frequency).min() < 1e-2
+        assert found.unstable_before == np.count_nonzero(before.real > 1e-2)
+        assert found.unstable_after == np.count_nonzero(after.real > 1e-2)
+        assert found.mode == 2  # the higher of the two
+        assert found.error < 1e-5
+
+
 def test_a_pipe_that_buckles_in_a_plane_diverges_across_it_where_its_loads_turn_to_the_other_side():
     """The flow changes the mode that buckles, and so which of two loads across is the greater.
 

@@ -43,6 +43,13 @@ ONE_SIDED = ((0, -25 / 12), (1, 4.0), (2, -3.0), (3, 4 / 3), (4, -1 / 4))
 """Weights of values at whole steps in first derivatives of fourth order."""
 
 
+MEET = 1e-3
+"""Distance of two roots, over 1 + |lambda|, within which they meet: rounding moves both by its
+square root, and so leaves them some 2e-4 apart where they are located."""
+
+MEETING = 1e-6
+"""Error of a crossing, over 1 + its speed, beyond which Newton's method has found none."""
+
 EPS = float(np.finfo(float).eps)
 
 TOO_NEAR = "another branch of rests meets it, or is too near to be told apart"
@@ -80,10 +87,13 @@ class RootsFollowed:
         self.values, self.modes = values[found[found >= 0]], self.modes[found >= 0]
 
     def mode_of(self, values: Complex, root: complex) -> int:
-        """Mode of that one of the roots at a rest nearby which is nearest to a value."""
-        which = int(np.argmin(np.abs(values - root)))
-        found = np.flatnonzero(self.matched(values) == which)
-        return int(self.modes[found[0]]) if found.size else 0
+        """Mode of that one of the roots at a rest nearby which is nearest to a value.
+
+        It is the higher mode of two whose roots meet there.
+        """
+        apart = np.abs(values - root)
+        close = np.flatnonzero(apart <= max(apart.min(), MEET * (1.0 + abs(root))))
+        return int(self.modes[np.isin(self.matched(values), close)].max(initial=0))
 
 
 @dataclass(frozen=True)
@@ -309,13 +319,24 @@ class SearchOfRest:
         point = step.at(0.5 * (before + beyond))
         rest, u, error = point.x, point.p, abs(step.at(beyond).p - step.at(before).p)
         values, root = self._values(rest, u, plane), 0j
-        flutters = name.startswith("flutter")
+        meets = False
+        flutters, mode = name.startswith("flutter"), self.roots[plane].mode_of(values, root)
         if flutters:
+            # Of the pairs that grow on one side, the one that grows least does not on the other.
+            side = step.at(beyond if counts[1] > counts[0] else before)
+            there = self._values(side.x, side.p, plane)
+            grown = np.where(there.imag > 0.0, beyond_rounding(there), 0.0)
+            passing = there[np.argmin(np.where(grown > 0.0, grown, np.inf))]
+            mode = self.roots[plane].mode_of(there, complex(passing))
             pairs = values[values.imag > 0.0]
-            root = complex(pairs[np.argmin(np.abs(pairs.real))])
-        if flutters or plane:
+            root = complex(pairs[np.argmin(np.abs(pairs - passing))])
+            # Roots that meet go with the square root of the distance in speed, and have no slope.
+            apart = np.sort(np.abs(there[there.imag > 0.0] - passing))[1:2].min(initial=np.inf)
+            meets = bool(apart <= MEET * (1.0 + abs(passing)))
+            if meets:
+                root, error = complex(0.0, passing.imag), max(error, 0.25 * float(apart) ** 2)
+        if (flutters or plane) and not meets:
             rest, u, root, error = self._polished(rest, u, root, error, plane)
-        mode = self.roots[plane].mode_of(values, root)
         made = Crossing(
             speed=u,
             frequency=root.imag,
@@ -338,6 +359,7 @@ class SearchOfRest:
         """
         if u < 1e-9:  # unstable from the smallest flow on
             return rest, 0.0, complex(0.0, root.imag), 0.0
+        located = rest, u, complex(0.0, root.imag), error
         try:
             at = partial(root_at, self.rests, plane=plane)
             slope = slope_of_root(partial(at, near=rest, root=root), u)
@@ -356,5 +378,6 @@ class SearchOfRest:
                 lost = float(rounding(values)[np.argmin(np.abs(values - root))])
             error = (abs(root.real) + lost) / abs(slope.real)
         except NewtonFailed:
-            pass  # next to a fold: as located on the branch
-        return rest, u, complex(0.0, root.imag), error
+            return located  # next to a fold: as located on the branch
+        # Where two pairs meet on the axis, as at beta = 0, roots have no slope.
+        return (rest, u, complex(0.0, root.imag), error) if error < MEETING * (1.0 + u) else located

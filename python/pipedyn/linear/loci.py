@@ -293,7 +293,7 @@ def _with_static_roots(loci: RootLoci, model: AnyModel) -> RootLoci:
     without hysteresis.
     """
     lossless = model.with_pipe(replace(model.pipe, hysteresis=0.0))
-    static = branches_followed(lossless, loci.speeds, loci.modes.size)
+    static = branches_followed(lossless, loci.speeds, int(loci.modes.max()))
     flutters = _clearly_grow(loci.eigenvalues) & (loci.eigenvalues.imag > loci.eigenvalues.real)
     grows, both = (
         (root.imag == 0.0) & _clearly_grow(root) & ~flutters

@@ -483,8 +483,9 @@ class SpatialChain(SpatialModel):
     energy has a kink at rho = pi, and methods of scipy take shorter and shorter steps there.
 
     Small motions of the straight pipe are those of `planar`, in two planes independently, so that
-    questions about its stability are answered by `planar`. If terms have other numbers across the
-    plane z = 0, `critical_speed`, `crossings`, `eigenvalues` and `modes` count both planes.
+    questions about its stability are answered by `planar`. Where a load bends the pipe in the plane
+    z = 0, or terms have other numbers across it, small motions in that plane and across it are
+    uncoupled, too, and both are told.
 
     A jet at an angle leaves in the plane of the tangent and of that axis which is along x at the
     root and is carried along the pipe without twist. Its direction depends on the shape alone.
