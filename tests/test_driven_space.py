@@ -571,3 +571,22 @@ def test_what_cannot_be_is_refused_by_name(ask, message):
 def test_what_is_no_direction_is_refused(direction):
     with pytest.raises((TypeError, ValueError), match=r"^direction must be"):
         pp.Harmonic(0.1, 3.0, direction)
+
+
+def test_springs_that_differ_in_x_and_z_have_regions_in_both_planes():
+    """Shaken along its axis, the pipe swings along x or along z, at twice the frequency of each."""
+    uneven = pp.Spring(1.0, 2.0, stiffness_across=8.0)
+    model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.005, terms=[uneven]), 2, dimensions=3)
+    stiff = model.planar.with_pipe(replace(model.pipe, terms=[pp.Spring(1.0, 8.0)]))
+    for plane, along, across in ((model.planar, 0, 2), (stiff, 2, 0)):
+        frequency = 2.0 * pp.eigenvalues(plane, 0.1, 1)[0].imag
+        base = pp.Harmonic(0.04, frequency, "y")
+        motion = pp.forced_response(model, 0.1, base=base).at(frequency)[0]
+        reach = np.ptp(motion.tip, axis=0)
+        assert reach[along] == pytest.approx(2.0 * motion.amplitude, rel=1e-3)
+        assert (motion.amplitude > 0.5, reach[across]) == (True, 0.0)
+        again = pp.simulate(
+            *(model, 0.1, motion.period, motion.q[0], motion.qdot[0]),
+            **{"base": base, "rtol": 1e-10, "samples": 2},
+        )
+        np.testing.assert_allclose(again.q[-1], motion.q[0], atol=1e-7)
