@@ -288,6 +288,59 @@ inline Space<Number> axis() {
   return {Number{}, constant<Number>(1.0), Number{}};
 }
 
+/// What the x axis becomes at the end of material that does not twist, turned least at each joint.
+template <class Number>
+PIPEDYN_NOINLINE Space<Number> carried_axis(const SpatialSegment<Number>* segments, Count n) {
+  Space<Number> side{constant<Number>(1.0), Number{}, Number{}}, t0 = axis<Number>();
+  for (Count j = 0; j < n; ++j) {
+    const SpatialSegment<Number>& here = segments[j];
+    const Number share = 0.5 * (inverse_of(Number(1.0 - here.z)) * dot(here.t, side));
+    side = side - share * (t0 + here.t);
+    t0 = here.t;
+  }
+  return side;
+}
+
+/// Adds the loads of terms on a segment, from the given one on, and returns the first beyond it. r,
+/// v: place and velocity of the segment's joint. Not inlined, so that chains without terms are not
+/// slower for all the laws.
+template <class Number>
+PIPEDYN_NOINLINE const SegmentTerm* add_terms(const SegmentTerm* term, const SegmentTerm* last,
+                                              const Space<Number>& r, const Space<Number>& v,
+                                              const SpatialDrive<Number>& drive,
+                                              SpatialSegment<Number>& here,
+                                              PowerParts<Number>& power) {
+  for (const Count j = term->segment; term != last && term->segment == j; ++term) {
+    const double arm = term->arm, weight = term->weight;
+    const SpatialStation<Number> place = here.station(r, v, arm);
+    Laws::with(term->term, [&](const auto& law) {
+      with_station(law, place, drive.position, drive.velocity, [&](const auto& at) {
+        const SpatialLoad<Number> load = law.load_in_space(at);
+        here.force += weight * load.force;
+        here.lever += (weight * arm) * load.force;
+        here.couple = here.couple + weight * load.couple;
+        power.terms = power.terms + weight * law.power_in_space(at);
+        power.base = power.base - weight * base_loss(law, at, load, drive.velocity);
+      });
+    });
+  }
+  return term;
+}
+
+/// Takes from a segment the weight and the centripetal force of mass that moves across it alone,
+/// and returns the power that this mass takes from the acceleration of the base.
+template <class Number>
+PIPEDYN_NOINLINE Number correct_added(const ChainModel& model, const Link& link,
+                                      const Space<Number>& own, const SpatialDrive<Number>& drive,
+                                      SpatialSegment<Number>& here) {
+  const double arm = 0.5 * link.length;
+  const Space<Number> lift =
+      (-model.gravity * link.added) * here.normal(in_plane<Number>(model.down));
+  here.force += lift - (arm * link.added * here.square) * here.t;
+  here.lever += arm * lift;
+  return link.added * dot(drive.acceleration, here.normal(own));
+}
+
 /// Computes the accelerations of a state of the motion in space, and returns the powers. put(j,
 /// rates, accelerations): receives a' and a'' of each segment.
 template <class Number, class Rows, class Put>
@@ -304,8 +357,6 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
   Space<Number> r = drive.position + model.base * axis<Number>(), velocity = drive.velocity;
   Space<Number> t0 = axis<Number>(), rate0{};
   Number spin{};
-  // What the x axis becomes along material that does not twist, turned least at each joint.
-  Space<Number> side{constant<Number>(1.0), Number{}, Number{}};
   const SegmentTerm* term = model.loads;
   const SegmentTerm* const last_term = model.loads + model.load_count;
   for (Count j = 0; j < n; ++j) {
@@ -313,10 +364,6 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     SpatialSegment<Number>& here = segments[j];
     here.move(rows, n, j);
     here.join(t0, resists);
-    if (model.thrust[1] != 0.0) {
-      const Number share = 0.5 * (inverse_of(Number(1.0 - here.z)) * dot(here.t, side));
-      side = side - share * (t0 + here.t);
-    }
     if (resists) {
       here.resist(t0, rate0, link.damping, spin);
       if (link.damping != 0.0) {
@@ -341,33 +388,21 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
       power.drag = power.drag + dot(force, at);
       power.base = power.base - dot(force, drive.velocity);
     }
-    for (; term != last_term && term->segment == j; ++term) {
-      const double arm = term->arm, weight = term->weight;
-      const SpatialStation<Number> place = here.station(r, velocity, arm);
-      Laws::with(term->term, [&](const auto& law) {
-        const auto at = seen_by(law, place, drive.position, drive.velocity);
-        const SpatialLoad<Number> load = law.load_in_space(at);
-        act(weight * load.force, arm);
-        here.couple = here.couple + weight * load.couple;
-        power.terms = power.terms + weight * law.power_in_space(at);
-        power.base = power.base + weight * base_power(law, at, load, drive.velocity);
-      });
+    if (term != last_term && term->segment == j) {
+      term = add_terms(term, last_term, r, velocity, drive, here, power);
     }
-    Space<Number> momentum = link.mass * own + link.first_moment * here.rate;
-    if (link.added != 0.0) {  // this mass has no weight, and no inertia along the segment
-      here.force += (-0.5 * link.length * link.added * here.square) * here.t;
-      act((-model.gravity * link.added) * here.normal(in_plane<Number>(model.down)),
-          0.5 * link.length);
-      momentum += link.added * here.normal(own);
-    }
-    power.base = power.base - dot(drive.acceleration, momentum);
+    power.base =
+        power.base - dot(drive.acceleration, link.mass * own + link.first_moment * here.rate);
+    if (link.added != 0.0) power.base = power.base - correct_added(model, link, own, drive, here);
     r += link.length * here.t;
     velocity += link.length * here.rate;
     t0 = here.t;
     rate0 = here.rate;
   }
-  const Space<Number> jet = (u * u) * (model.thrust[0] * t0 + model.thrust[1] * side),
-                      end = velocity - drive.velocity;
+  Space<Number> jet = model.thrust[0] * t0;
+  if (model.thrust[1] != 0.0) jet += model.thrust[1] * carried_axis(segments, n);
+  jet = (u * u) * jet;
+  const Space<Number> end = velocity - drive.velocity;
   power.flow = power.flow - dot(coriolis * end - entry * velocity + jet, end);
 
   Symmetric3<Number> inertia;
@@ -466,8 +501,9 @@ Number spatial_energy(const ChainModel& model, const Rows& rows) {
     for (; term != last_term && term->segment == j; ++term) {
       const SpatialStation<Number> place = here.station(r, velocity + drive.velocity, term->arm);
       Laws::with(term->term, [&](const auto& law) {
-        const auto at = seen_by(law, place, drive.position, drive.velocity);
-        twice += (2.0 * term->weight) * law.energy_in_space(at);
+        with_station(law, place, drive.position, drive.velocity, [&](const auto& at) {
+          twice += (2.0 * term->weight) * law.energy_in_space(at);
+        });
       });
     }
     if (link.added != 0.0) {

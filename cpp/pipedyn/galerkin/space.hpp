@@ -167,7 +167,8 @@ struct SpatialBlock {
       const PanelTerm& placed = effects.loads[k];
       Laws::with(placed.term, [&](const auto& law) {
         const auto visit = [&](Count p, double w) {
-          body(law, seen_by(law, station(p), drive.position, drive.velocity), p, w);
+          with_station(law, station(p), drive.position, drive.velocity,
+                       [&](const auto& seen) { body(law, seen, p, w); });
         };
         if (placed.panel >= 0) {
           visit(placed.panel * block + grid.nodes, 1.0);
@@ -276,7 +277,7 @@ struct SpatialBlock {
     for_each_station([&](const auto& law, const SpatialStation<Number>& seen, Count p, double w) {
       const SpatialLoad<Number> load = law.load_in_space(seen);
       act(p, w * load.force);
-      power.base = power.base + w * base_power(law, seen, load, drive.velocity);
+      power.base = power.base - w * base_loss(law, seen, load, drive.velocity);
       at[p].couple = at[p].couple + at[p].across_by(w * load.couple);
       power.terms = power.terms + w * law.power_in_space(seen);
     });
