@@ -352,7 +352,7 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
   const Number push = model.coriolis * drive.rate;
   bool resists = false;
   for (Count j = 0; j < n; ++j) resists = resists || model.links[j].damping != 0.0;
-  PowerParts<Number> power{};
+  PowerParts<Number> power{}, of_terms{};
 
   Space<Number> r = drive.position + model.base * axis<Number>(), velocity = drive.velocity;
   Space<Number> t0 = axis<Number>(), rate0{};
@@ -389,7 +389,8 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
       power.base = power.base - dot(force, drive.velocity);
     }
     if (term != last_term && term->segment == j) {
-      term = add_terms(term, last_term, r, velocity, drive, here, power);
+      const Space<Number> joint = r, moving = velocity;  // copies, which leave these in registers
+      term = add_terms(term, last_term, joint, moving, drive, here, of_terms);
     }
     power.base =
         power.base - dot(drive.acceleration, link.mass * own + link.first_moment * here.rate);
@@ -399,6 +400,8 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     t0 = here.t;
     rate0 = here.rate;
   }
+  power.terms = of_terms.terms;
+  power.base = power.base + of_terms.base;
   Space<Number> jet = model.thrust[0] * t0;
   if (model.thrust[1] != 0.0) jet += model.thrust[1] * carried_axis(segments, n);
   jet = (u * u) * jet;
