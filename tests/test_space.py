@@ -12,7 +12,7 @@ import spatial
 from scipy.optimize import root
 
 import pipedyn as pp
-from pipedyn import _core
+from pipedyn import _core, plot
 from pipedyn.models.base import core_pipe
 from pipedyn.models.segments import core_segments
 
@@ -954,3 +954,31 @@ def test_shapes_of_modes_about_a_bent_rest_are_small_changes_of_the_pipe(make):
     for one in planar.shapes:
         (same,) = [shape for shape in found.shapes if abs(shape.eigenvalue - one.eigenvalue) < 1e-6]
         assert np.abs(same(s)[0]) == pytest.approx(np.abs(one(s)), abs=1e-6)
+
+
+def test_a_picture_of_modes_in_space_tells_along_which_axis_each_moves():
+    chain = pp.Chain(pp.Pipe(0.2, terms=[pp.Spring(0.5, 20.0, 100.0)]), 6, dimensions=3)
+    found = pp.modes(chain, 4.0, count=2)
+    ax = plot.mode_shapes(found)
+    labels = ax.get_legend_handles_labels()[1]
+    assert [label[-10:] for label in labels[:2]] == [" along $x$", " along $z$"]
+    s, drawn = ax.get_lines()[2].get_data()
+    assert drawn == pytest.approx(found.shapes[1](s)[1].real, abs=1e-12)
+
+
+def test_numbers_across_the_plane_are_converted_kept_and_checked(tmp_path):
+    term = pp.Spring(0.5, 20.0, stiffness_across=8.0)
+    hose = {"length": 0.5, "bending_stiffness": 0.1, "pipe_mass": 0.2, "fluid_mass": 0.1}
+    pipe = pp.Pipe.from_si(**hose, terms=[pp.Spring(0.25, 16.0, 8.0), pp.Spring(0.25, 16.0)])
+    assert pipe.terms[0].stiffness_across == pytest.approx(10.0)
+    assert pipe.terms[1].stiffness_across is None
+    assert pipe.terms_si[0].stiffness_across == pytest.approx(8.0)
+    chain = pp.Chain(pp.Pipe(0.2, terms=[term, pp.Damper(0.7, 0.1)]), 4, dimensions=3)
+    pp.critical_speed(chain).save(tmp_path / "found.npz")
+    assert pp.load(tmp_path / "found.npz").model.pipe.terms == chain.pipe.terms
+    assert repr(term) == "Spring(at=0.5, stiffness=20, stiffness_across=8)"
+    for wrong in (-1.0, np.nan, 1e10):
+        with pytest.raises(ValueError, match="stiffness_across must"):
+            pp.Pipe(0.2, terms=[pp.Spring(0.5, 20.0, stiffness_across=wrong)])
+    with pytest.raises(TypeError, match="stiffness_across must"):
+        pp.Spring(0.5, 20.0, "a")

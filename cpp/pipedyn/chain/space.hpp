@@ -410,6 +410,61 @@ void hold(const ChainModel& model, const SpatialRoom<Number>& room) {
   }
 }
 
+/// What the x axis becomes at the end of material that does not twist, turned least at each joint.
+template <class Number>
+PIPEDYN_NOINLINE Space<Number> carried_axis(const SpatialSegment<Number>* segments, Count n) {
+  Space<Number> side{constant<Number>(1.0), Number{}, Number{}}, t0 = axis<Number>();
+  for (Count j = 0; j < n; ++j) {
+    const SpatialSegment<Number>& here = segments[j];
+    const Number share = 0.5 * (inverse_of(Number(1.0 - here.z)) * dot(here.t, side));
+    side = side - share * (t0 + here.t);
+    t0 = here.t;
+  }
+  return side;
+}
+
+/// Adds the loads of terms on a segment, from the given one on, and returns the first beyond it. r,
+/// v: place and velocity of the segment's joint. Not inlined, so that chains without terms are not
+/// slower for all the laws.
+template <class Number, class Rows>
+PIPEDYN_NOINLINE const SegmentTerm* add_terms(const SegmentTerm* term, const SegmentTerm* last,
+                                              const Space<Number>& r, const Space<Number>& v,
+                                              const SpatialDrive<Number>& drive, const Rows& rows,
+                                              SpatialSegment<Number>& here,
+                                              PowerParts<Number>& power) {
+  for (const Count j = term->segment; term != last && term->segment == j; ++term) {
+    const double arm = term->arm, weight = term->weight;
+    const SpatialStation<Number> place = here.station(r, v, arm);
+    Laws::with(term->term, [&]<class Law>(const Law& of) {
+      if constexpr (!Law::moves) return;
+      const auto law = acting_in_space<Number>(of, term->term.at, rows);
+      with_station(law, place, drive.position, drive.velocity, [&](const auto& at) {
+        const SpatialLoad<Number> load = law.load_in_space(at);
+        here.force += weight * load.force;
+        here.lever += (weight * arm) * load.force;
+        here.couple = here.couple + weight * load.couple;
+        power.terms = power.terms + weight * law.power_in_space(at);
+        power.base = power.base - weight * base_loss(law, at, load, drive.velocity);
+      });
+    });
+  }
+  return term;
+}
+
+/// Takes from a segment the weight and the centripetal force of mass that moves across it alone,
+/// and returns the power that this mass takes from the acceleration of the base.
+template <class Number>
+PIPEDYN_NOINLINE Number correct_added(const ChainModel& model, const Link& link,
+                                      const Space<Number>& own, const SpatialDrive<Number>& drive,
+                                      SpatialSegment<Number>& here) {
+  const double arm = 0.5 * link.length;
+  const Space<Number> lift =
+      (-model.gravity * link.added) * here.normal(in_plane<Number>(model.down));
+  here.force += lift - (arm * link.added * here.square) * here.t;
+  here.lever += arm * lift;
+  return link.added * dot(drive.acceleration, here.normal(own));
+}
+
 /// Computes the accelerations of a state of the motion in space, and returns the powers. put(j,
 /// rates, accelerations): receives a' and a'' of each segment.
 template <class Number, class Rows, class Put>
@@ -422,13 +477,11 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
   const Number push = model.coriolis * drive.rate;
   bool resists = model.end_damping != 0.0;
   for (Count j = 0; j < n; ++j) resists = resists || model.links[j].damping != 0.0;
-  PowerParts<Number> power{};
+  PowerParts<Number> power{}, of_terms{};
 
   Space<Number> r = drive.position + model.base * axis<Number>(), velocity = drive.velocity;
   Space<Number> t0 = axis<Number>(), rate0{};
   Number spin{};
-  // What the x axis becomes along material that does not twist, turned least at each joint.
-  Space<Number> side{constant<Number>(1.0), Number{}, Number{}};
   const SegmentTerm* term = model.loads;
   const SegmentTerm* const last_term = model.loads + model.load_count;
   Count support = 0;
@@ -441,10 +494,6 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
       here.rate = here.lever = Space<Number>{};
     }
     here.join(t0, resists);
-    if (model.thrust[1] != 0.0) {
-      const Number share = 0.5 * (inverse_of(Number(1.0 - here.z)) * dot(here.t, side));
-      side = side - share * (t0 + here.t);
-    }
     if (resists) {
       const double damping = j < n ? model.links[j].damping : model.end_damping;
       here.resist(t0, rate0, damping, spin);
@@ -472,28 +521,13 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
       power.drag = power.drag + dot(force, at);
       power.base = power.base - dot(force, drive.velocity);
     }
-    for (; term != last_term && term->segment == j; ++term) {
-      const double arm = term->arm, weight = term->weight;
-      const SpatialStation<Number> place = here.station(r, velocity, arm);
-      Laws::with(term->term, [&]<class Law>(const Law& of) {
-        if constexpr (!Law::moves) return;
-        const auto law = acting_in_space<Number>(of, term->term.at, rows);
-        const auto at = seen_by(law, place, drive.position, drive.velocity);
-        const SpatialLoad<Number> load = law.load_in_space(at);
-        act(weight * load.force, arm);
-        here.couple = here.couple + weight * load.couple;
-        power.terms = power.terms + weight * law.power_in_space(at);
-        power.base = power.base + weight * base_power(law, at, load, drive.velocity);
-      });
+    if (term != last_term && term->segment == j) {
+      const Space<Number> joint = r, moving = velocity;  // copies, which leave these in registers
+      term = add_terms(term, last_term, joint, moving, drive, rows, here, of_terms);
     }
-    Space<Number> momentum = link.mass * own + link.first_moment * here.rate;
-    if (link.added != 0.0) {  // this mass has no weight, and no inertia along the segment
-      here.force += (-0.5 * link.length * link.added * here.square) * here.t;
-      act((-model.gravity * link.added) * here.normal(in_plane<Number>(model.down)),
-          0.5 * link.length);
-      momentum += link.added * here.normal(own);
-    }
-    power.base = power.base - dot(drive.acceleration, momentum);
+    power.base =
+        power.base - dot(drive.acceleration, link.mass * own + link.first_moment * here.rate);
+    if (link.added != 0.0) power.base = power.base - correct_added(model, link, own, drive, here);
     r += link.length * here.t;
     velocity += link.length * here.rate;
     t0 = here.t;
@@ -506,8 +540,12 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     ++support;
   }
   if (model.guided) t0 = axis<Number>();
-  const Space<Number> jet = (u * u) * (model.thrust[0] * t0 + model.thrust[1] * side),
-                      end = velocity - drive.velocity;
+  power.terms = of_terms.terms;
+  power.base = power.base + of_terms.base;
+  Space<Number> jet = model.thrust[0] * t0;
+  if (model.thrust[1] != 0.0) jet += model.thrust[1] * carried_axis(segments, joints);
+  jet = (u * u) * jet;
+  const Space<Number> end = velocity - drive.velocity;
   power.flow = power.flow - dot(coriolis * end - entry * velocity + jet, end);
 
   Symmetric3<Number> inertia;
@@ -620,8 +658,9 @@ Number spatial_energy(const ChainModel& model, const Rows& rows) {
       const SpatialStation<Number> place = here.station(r, velocity + drive.velocity, term->arm);
       Laws::with(term->term, [&]<class Law>(const Law& law) {
         if constexpr (Law::moves) {
-          const auto at = seen_by(law, place, drive.position, drive.velocity);
-          twice += (2.0 * term->weight) * law.energy_in_space(at);
+          with_station(law, place, drive.position, drive.velocity, [&](const auto& at) {
+            twice += (2.0 * term->weight) * law.energy_in_space(at);
+          });
         }
       });
     }

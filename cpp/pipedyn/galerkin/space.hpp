@@ -181,7 +181,8 @@ struct SpatialBlock {
       Laws::with(placed.term, [&]<class Law>(const Law& law) {
         if constexpr (!Law::moves) return;
         const auto visit = [&](Count p, double w) {
-          body(law, seen_by(law, station(p), drive.position, drive.velocity), p, w);
+          with_station(law, station(p), drive.position, drive.velocity,
+                       [&](const auto& seen) { body(law, seen, p, w); });
         };
         if (placed.panel >= 0) {
           visit(placed.panel * block + grid.nodes, 1.0);
@@ -300,7 +301,7 @@ struct SpatialBlock {
       const auto law = acting_in_space<Number>(of, grid.place[p], rows);
       const SpatialLoad<Number> load = law.load_in_space(seen);
       act(p, w * load.force);
-      power.base = power.base + w * base_power(law, seen, load, drive.velocity);
+      power.base = power.base - w * base_loss(law, seen, load, drive.velocity);
       at[p].couple = at[p].couple + at[p].across_by(w * load.couple);
       power.terms = power.terms + w * law.power_in_space(seen);
     });

@@ -249,22 +249,26 @@ Real base_power(const Law& law, const Station<Real>& at, const Acting<Real>& loa
   return -(load.x * vx + load.y * vy);
 }
 
-/// The same for a pipe in space.
+/// The power that a load in space takes, which is minus that of base_power.
 template <class Law, class Number>
-Number base_power(const Law& law, const SpatialStation<Number>& at, const SpatialLoad<Number>& load,
-                  const Space<Number>& velocity) {
+Number base_loss(const Law& law, const SpatialStation<Number>& at, const SpatialLoad<Number>& load,
+                 const Space<Number>& velocity) {
   if constexpr (Law::on_base) return Number{};
-  if (law.normal_mass() == 0.0) return Number{} - dot(load.force, velocity);
+  if (law.normal_mass() == 0.0) return dot(load.force, velocity);
   const SpatialStation<Number> alone = at.about(Space<Number>{}, velocity);
   const SpatialLoad<Number> own = law.load_in_space(alone);
-  return dot(load.force - own.force, alone.v) + dot(load.couple - own.couple, at.w);
+  return dot(own.force - load.force, alone.v) + dot(own.couple - load.couple, at.w);
 }
 
-/// The station as a law reads it, relative to the base if it acts on that.
-template <class Law, class Number>
-SpatialStation<Number> seen_by(const Law&, const SpatialStation<Number>& at,
-                               const Space<Number>& place, const Space<Number>& velocity) {
-  return Law::on_base ? at.about(place, velocity) : at;
+/// Calls body with the station as a law reads it, relative to the base if it acts on that.
+template <class Law, class Number, class Body>
+void with_station(const Law&, const SpatialStation<Number>& at, const Space<Number>& place,
+                  const Space<Number>& velocity, const Body& body) {
+  if constexpr (Law::on_base) {
+    body(at.about(place, velocity));
+  } else {
+    body(at);
+  }
 }
 
 }  // namespace
