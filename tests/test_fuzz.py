@@ -22,7 +22,14 @@ MADE_BY_USERS -= {modular.Module, modular.Constraint}
 CALLED_WITH_CHECKED = {"acceleration", "admissible", "along", "basis", "end_motion"}
 CALLED_WITH_CHECKED |= {"free_directions", "free_states", "from_user", "initial_state", "kinks"}
 CALLED_WITH_CHECKED |= {"as_of_si", "components", "largest_angle", "with_applied"}
-CALLED_WITH_CHECKED |= {"law_numbers", "motion_jacobian", "motion_linearised", "motion_rates"}
+CALLED_WITH_CHECKED |= {
+    "law_numbers",
+    "laws",
+    "require_large_motions",
+    "motion_jacobian",
+    "motion_linearised",
+    "motion_rates",
+}
 CALLED_WITH_CHECKED |= {"quarter_turn"}
 CALLED_WITH_CHECKED |= {"onto_constraints", "rate", "require_equilibrium", "sampled", "to_user"}
 CALLED_WITH_CHECKED |= {"require_dimensions"}
