@@ -205,6 +205,14 @@ class Spectrum {
   virtual Spectrum& without_loss() { return without_loss_ == nullptr ? *this : *without_loss_; }
   void set_without_loss(std::shared_ptr<Spectrum> other) { without_loss_ = std::move(other); }
 
+  /// The numbers on which all roots depend continuously, in an order that is the same for all
+  /// models of one kind and size; none where they are not known.
+  virtual std::vector<double> numbers() const { return {}; }
+
+  /// All roots at a speed, of each conjugate pair the upper one, from starts for each; none unless
+  /// these lead to all of them.
+  virtual std::optional<Values> all_roots(double, const Values&) { return {}; }
+
   /// Number of matrices factorised since the last call; an eigenvalue problem counts as one.
   int factorisations() {
     const int others = without_loss_ == nullptr ? 0 : without_loss_->factorisations();

@@ -308,6 +308,20 @@ void Structured::assume(double u, const Values& roots) {
   known_.push_back({u, std::move(starts), most_assumed});
 }
 
+std::optional<Values> Structured::all_roots(double u, const Values& starts) {
+  Approximations roots;
+  roots.reserve(starts.size());
+  for (const Complex start : starts) roots.push_back({start, start.imag() == 0.0});
+  factorised_ += 2;
+  const bool found = zeros_in_flow_ == 0 && roots_in(roots) == 2 * traits.dof &&
+                     correct(*of_, u, roots, most_near) && roots_in(roots) == 2 * traits.dof &&
+                     has_all(*of_, u, roots);
+  if (!found || static_cast<Index>(roots.size()) != starts.size()) return {};
+  Values values(starts.size());
+  for (Index i = 0; i < starts.size(); ++i) values[i] = roots[i].value;
+  return values;
+}
+
 void Structured::assess(double u, Pairs& pairs) {
   if (pairs.uncertain.size() > 0) return;
   const Index count = pairs.values.size();
