@@ -67,35 +67,46 @@ std::vector<std::array<Index, 2>> by_mode(const Values& values, const Roots& mod
   return roots;
 }
 
-/// Where a root is in a step: control points of its cubic, or of the mean of the two roots that
-/// meet on the real axis, which lie within a radius of it.
+using Cubic = std::array<Complex, 4>;  // control points
+
+/// Value of a cubic's blossom, which is the cubic itself where its three arguments are equal.
+Complex blossom(Cubic points, double first, double second, double third) {
+  std::size_t left = 3;
+  for (const double t : {first, second, third}) {
+    for (std::size_t p = 0; p < left; ++p) points[p] += t * (points[p + 1] - points[p]);
+    --left;
+  }
+  return points[0];
+}
+
+/// Where a root is in a part of a step: its cubic, or the mean of those of the two roots that meet
+/// on the real axis, which lie within a radius of it.
 struct Body {
-  std::array<Complex, 4> points;
+  Cubic points;
   double radius = 0.0;
 
-  Body(const Step& step, Index i) : points(control_points(step, i)) {
-    const Index k = step.meets[i];
-    if (k < 0) return;
-    const std::array<Complex, 4> met = control_points(step, k);
-    for (std::size_t p = 0; p < points.size(); ++p) points[p] = 0.5 * (points[p] + met[p]);
-    radius = 0.5 * std::max(magnitude(step.start(i) - step.start(k)),
-                            magnitude(step.end(i) - step.end(k)));
+  Body(const Step& step, Index i, double low, double high) : points(cubic_of(step, i)) {
+    if (const Index k = step.meets[i]; k >= 0) {
+      const Cubic met = cubic_of(step, k);
+      for (std::size_t p = 0; p < points.size(); ++p) points[p] = 0.5 * (points[p] + met[p]);
+      radius = 0.5 * std::max(magnitude(step.start(i) - step.start(k)),
+                              magnitude(step.end(i) - step.end(k)));
+    }
+    if (low == step.left->u && high == step.right->u) return;
+    const double t = (low - step.left->u) / step.length(),
+                 z = (high - step.left->u) / step.length();
+    points = {blossom(points, t, t, t), blossom(points, t, t, z), blossom(points, t, z, z),
+              blossom(points, z, z, z)};
   }
 
-  static std::array<Complex, 4> control_points(const Step& step, Index i) {
+  static Cubic cubic_of(const Step& step, Index i) {
     const double third = step.length() / 3.0;
     return {step.start(i), step.start(i) + third * step.start_slope(i),
             step.end(i) - third * step.end_slope(i), step.end(i)};
   }
-
-  Complex at(double t) const {
-    const double s = 1.0 - t;
-    return s * s * s * points[0] + 3.0 * s * t * (s * points[1] + t * points[2]) +
-           t * t * t * points[3];
-  }
 };
 
-/// A root in a step of each of two searches.
+/// A root in a part of a step of each of two searches.
 struct Twin {
   Body one, other;
   double apart;  // most that the two differ by
@@ -120,11 +131,14 @@ struct Twin {
   }
 
   /// Whether the root stays on the left of the axis in both, by far more than they differ.
-  bool decays(bool at_rest) const {
-    bool first = at_rest;  // without damping, roots are on the axis there
+  /// at_rest: whether it may begin on the axis, where no damping is; seen: whether pipes between
+  /// will be seen to be on the left at the end of the step.
+  bool decays(bool at_rest, bool seen) const {
+    int p = 0;
     return real_parts([&](double a, double b, double difference) {
-      if (std::exchange(first, false) && a == 0.0 && b == 0.0) return true;
-      return a < 0.0 && b < 0.0 && difference <= alike * std::min(-a, -b);
+      const bool begins = p == 0, ends = ++p == 4;
+      if (begins && at_rest && a == 0.0 && b == 0.0) return true;
+      return a < 0.0 && b < 0.0 && ((ends && seen) || difference <= alike * std::min(-a, -b));
     });
   }
 
@@ -150,119 +164,135 @@ struct Twin {
   bool is_far_from(const Twin& another) const {
     double least = infinite;
     for (const double t : {0.0, 0.25, 0.5, 0.75, 1.0}) {
-      least = std::min(least, magnitude(one.at(t) - another.one.at(t)));
+      const Complex here = blossom(one.points, t, t, t);
+      least = std::min(least, magnitude(here - blossom(another.one.points, t, t, t)));
     }
     return apart + another.apart <= alike * (least - one.radius - another.one.radius);
   }
 };
 
-/// Two searches whose first losses of stability are alike, as are those of all pipes between them.
+/// Two searches, and what they tell about the pipes between them.
 class Neighbours {
  public:
   Neighbours(const Searched& one, const Searched& other) : one_(one), other_(other) {}
 
-  bool are_alike() const {
+  /// Whether the first losses of stability of the two are alike, as are those of all pipes between.
+  bool are_alike() {
     const auto flutters = [](const Sweep& sweep) {
       return sweep.failure.empty() && !sweep.untracked && sweep.unstable_at_rest == 0 &&
              sweep.crossings.size() == 1 && sweep.crossings[0].change == 2 &&
              sweep.crossings[0].value != 0.0 && sweep.crossings[0].pair.right.size() > 0;
     };
-    if (!flutters(one_.sweep) || !flutters(other_.sweep)) return false;
-    if (first().mode != second().mode || one_.trace.size() != other_.trace.size()) return false;
-    for (std::size_t s = 0; s < one_.trace.size(); ++s) {
-      if (!are_alike(s)) return false;
+    if (!flutters(one_.sweep) || !flutters(other_.sweep) || first().mode != second().mode) {
+      return false;
     }
-    return true;
+    std::vector<Part> parts;
+    const auto [least, most] = std::minmax(first().speed, second().speed);
+    double low = 0.0;
+    for (std::size_t i = 0, k = 0; i < one_.trace.size() && k < other_.trace.size();) {
+      const double end = one_.trace[i].first.right->u, twin_end = other_.trace[k].first.right->u;
+      parts.push_back({&one_.trace[i], &other_.trace[k], low, std::min(end, twin_end)});
+      low = parts.back().high;
+      if (least <= low) break;
+      i += end == low;
+      k += twin_end == low;
+    }
+    if (parts.empty() || !(parts.back().low < least && most < parts.back().high)) return false;
+    low_ = parts.back().low;
+    high_ = parts.back().high;
+    return std::ranges::all_of(parts, [this](const Part& part) { return are_alike(part); });
   }
 
-  /// The first loss of stability of a pipe at a place between the two; none if it is not as they
-  /// let one expect.
+  /// Where to divide the pipes between the two: where the speed is expected to pass the end of a
+  /// step, or half way.
+  double divide() const {
+    if (one_.trace.empty() || other_.trace.empty()) return 0.5;
+    if (one_.sweep.crossings.empty() || other_.sweep.crossings.empty()) return 0.5;
+    const double end =
+        std::min(one_.trace.back().first.right->u, other_.trace.back().first.right->u);
+    const double share = (end - first().speed) / (second().speed - first().speed);
+    return share > 0.0 && share < 1.0 ? share : 0.5;
+  }
+
+  /// The first loss of stability of a pipe at a place between two that are alike; none if it is not
+  /// as they let one expect.
   std::optional<Sweep> between(Spectrum& spectrum, double share) const {
-    const Step &step = one_.trace.back().first, &twin = other_.trace.back().first;
-    const Values &at = step.left->values, &beside = twin.left->values;
-    const auto roots = by_mode(at, one_.trace.back().second);
-    const auto twins = by_mode(beside, other_.trace.back().second);
-    Values starts(at.size());
-    std::vector<double> distances;  // of the neighbours' roots from the axis
-    Index count = 0, flutters = 0;
-    for (std::size_t m = 0; m < roots.size(); ++m) {
-      for (const std::size_t rank : {0, 1}) {
-        const Complex a = at[roots[m][rank]], b = beside[twins[m][rank]];
-        if (a.imag() < 0.0) continue;
-        if (static_cast<Index>(m) + 1 == first().mode && rank == 0) flutters = count;
-        starts[count++] = on_line(a, b, share);
-        distances.push_back(std::min(-a.real(), -b.real()));
-      }
-    }
-    starts.conservativeResize(count);
-    const std::optional<Values> there = spectrum.all_roots(step.left->u, starts);
+    const Index count = static_cast<Index>(roots_.size());
+    Values starts(count);
+    for (Index i = 0; i < count; ++i) starts[i] = on_line(roots_[i].first, roots_[i].second, share);
+    const std::optional<Values> there = spectrum.all_roots(low_, starts);
     if (!there) return {};
+    const Complex start = starts[flutters_];
+    double room = 2.0 * start.imag();  // distance from all other roots
     for (Index i = 0; i < count; ++i) {
-      const double least =
-          i == flutters ? 1e-9 * (1.0 + magnitude((*there)[i])) : 0.5 * distances[i];
+      const auto& [a, b] = roots_[i];
+      const bool own = i == flutters_;
+      const double least = own ? 1e-9 * (1.0 + magnitude(a)) : 0.5 * std::min(-a.real(), -b.real());
       if (!((*there)[i].real() < -least)) return {};
+      if (!own) room = std::min(room, magnitude(starts[i] - start));
     }
-    // The distance of the root from all others, a share of which it may be off.
-    double room = 2.0 * starts[flutters].imag();
-    for (Index i = 0; i < count; ++i) {
-      if (i != flutters) room = std::min(room, magnitude(starts[i] - starts[flutters]));
-    }
-    if (!(magnitude((*there)[flutters] - starts[flutters]) < alike * room)) return {};
-    const double low = step.left->u, high = step.right->u;
+    const auto is_there = [&](Complex value, Complex wanted) {
+      return magnitude(value - wanted) < alike * room;
+    };
     const double expected = first().speed + share * (second().speed - first().speed);
     const Complex value = on_line(first().value, second().value, share);
-    auto [u, pair] = newton(spectrum, expected, Pair{value}, low, high);
+    auto [u, pair] = newton(spectrum, expected, Pair{value}, low_, high_);
     const double tolerance = 1e-6 * (1.0 + magnitude(value)), error = error_of(pair);
-    const bool good = u > low && u < high && pair.converged() && pair.slope.real() > 0.0 &&
+    const bool good = u > low_ && u < high_ && pair.converged() && pair.slope.real() > 0.0 &&
                       std::abs(pair.value.real()) <= tolerance && error <= largest_error * u &&
-                      magnitude(pair.value - value) < alike * room &&
-                      std::abs(u - expected) < alike * (high - low);
+                      is_there((*there)[flutters_], start) && is_there(pair.value, value) &&
+                      std::abs(u - expected) < alike * (high_ - low_);
     if (!good) return {};
+    const Complex passes(0.0, std::abs(pair.value.imag()));
     Sweep sweep;
-    sweep.crossings.push_back(
-        {u, {0.0, std::abs(pair.value.imag())}, 2, first().mode, error, std::move(pair)});
+    sweep.crossings.push_back({u, passes, 2, first().mode, error, std::move(pair)});
     return sweep;
   }
 
  private:
+  /// A range of speeds that lies in one step of each search.
+  struct Part {
+    const std::pair<Step, Roots>*one, *other;
+    double low, high;
+  };
+
   const AxisCrossing& first() const { return one_.sweep.crossings[0]; }
   const AxisCrossing& second() const { return other_.sweep.crossings[0]; }
 
-  /// Whether the two searches are alike in a step.
-  bool are_alike(std::size_t s) const {
-    const auto& [step, modes] = one_.trace[s];
-    const auto& [twin, twin_modes] = other_.trace[s];
-    const Index size = step.left->size();
-    if (step.left->u != twin.left->u || step.right->u != twin.right->u) return false;
-    if (twin.left->size() != size || size != step.right->size()) return false;
+  /// Whether the two searches are alike in a part. Keeps the roots at the start of the last one.
+  bool are_alike(const Part& part) {
+    const auto& [step, modes] = *part.one;
+    const auto& [twin, twin_modes] = *part.other;
     const auto roots = by_mode(step.left->values, modes);
     const auto twins = by_mode(twin.left->values, twin_modes);
-    if (roots.empty() || twins.empty()) return false;
-    const bool at_rest = step.left->u == 0.0, last = s + 1 == one_.trace.size();
-    const auto are_same = [](Complex a, Complex b) {
-      return (a.imag() > 0.0) == (b.imag() > 0.0) && (a.imag() < 0.0) == (b.imag() < 0.0);
-    };
+    if (roots.empty() || twins.size() != roots.size()) return false;
+    const bool at_rest = part.low == 0.0, last = part.low == low_;
     std::vector<Twin> others;
     std::optional<Twin> flutters;
     for (std::size_t m = 0; m < roots.size(); ++m) {
       for (const std::size_t rank : {0, 1}) {
         const Index i = roots[m][rank], k = twins[m][rank];
-        if (!are_same(step.start(i), twin.start(k)) || !are_same(step.end(i), twin.end(k))) {
+        const Complex start = step.start(i), twin_start = twin.start(k);
+        if (start == 0.0 || twin_start == 0.0) return false;
+        if (start.imag() < 0.0 && twin_start.imag() < 0.0) continue;  // conjugates of others
+        const Twin both(Body(step, i, part.low, part.high), Body(twin, k, part.low, part.high));
+        const bool own = static_cast<Index>(m) + 1 == first().mode, follows = own && rank == 0;
+        const Index met = step.meets[i], twin_met = twin.meets[k];
+        if (own && ((met >= 0 && (last || modes[met] != first().mode)) ||
+                    (twin_met >= 0 && (last || twin_modes[twin_met] != first().mode)))) {
           return false;
         }
-        const Index met = step.meets[i], twin_met = twin.meets[k];
-        if (step.start(i) == 0.0 || (met < 0) != (twin_met < 0)) return false;
-        if (met >= 0 && modes[met] != twin_modes[twin_met]) return false;
-        if (step.start(i).imag() < 0.0) continue;  // the conjugate of another
-        const Twin both(Body(step, i), Body(twin, k));
-        const bool own = static_cast<Index>(m) + 1 == first().mode;
-        if (own && rank == 0) {
-          flutters = both;
-          if (met >= 0 && (last || modes[met] != first().mode)) return false;
-        }
-        const bool passes = last && own && rank == 0;
-        if (passes ? !both.rises_once() : !both.decays(at_rest)) return false;
+        const bool seen = follows && part.high == low_;
+        if (last && follows ? !both.rises_once() : !both.decays(at_rest, seen)) return false;
+        if (follows) flutters = both;
         if (!own) others.push_back(both);
+        if (!last) continue;
+        const bool meets =
+            (met >= 0 && step.left->u != low_) || (twin_met >= 0 && twin.left->u != low_);
+        if (meets || (start.imag() == 0.0) != (twin_start.imag() == 0.0)) return false;
+        if (follows) flutters_ = static_cast<Index>(roots_.size());
+        roots_.emplace_back(met < 0 ? both.one.points[0] : start,
+                            twin_met < 0 ? both.other.points[0] : twin_start);
       }
     }
     return flutters && std::ranges::all_of(others, [&](const Twin& another) {
@@ -271,6 +301,10 @@ class Neighbours {
   }
 
   const Searched &one_, &other_;
+  double low_ = 0.0, high_ = 0.0;  // the part in which both flutter
+  // Roots of both at its start, of conjugates the upper ones, and which of them flutters.
+  std::vector<std::pair<Complex, Complex>> roots_;
+  Index flutters_ = -1;
 };
 
 class Together {
@@ -316,8 +350,10 @@ class Together {
   /// Searches the pipes between two that were searched.
   void fill(Index low, const Searched& one, Index high, const Searched& other) {
     if (high - low < 2) return;
-    const Index middle = low + (high - low) / 2;
-    const Neighbours neighbours(one, other);
+    Neighbours neighbours(one, other);
+    const Index middle =
+        low + std::clamp(static_cast<Index>(neighbours.divide() * static_cast<double>(high - low)),
+                         Index{1}, high - low - 1);
     if (!place_of(middle, one, other) || !neighbours.are_alike()) {
       const Searched centre = searched(middle);
       fill(low, one, middle, centre);
