@@ -232,12 +232,12 @@ def _answers(model: AnyModel, names: Sequence[str], points: Array, max_speed: fl
             pipe = number.changed(pipe, value)
         return model.with_pipe(pipe)
 
-    outcomes: list[Any] = [outcome_of(partial(model_at, row)) for row in points.tolist()]
+    outcomes: list[Any] = [outcome_of(model_at, row) for row in points.tolist()]
     made = [i for i, one in enumerate(outcomes) if not isinstance(one, Exception)]
     models = [outcomes[i] for i in made]
     points_found = first_losses(models, max_speed, sensitive=False)
     for i, model_there, point in zip(made, models, points_found, strict=True):
-        outcomes[i] = outcome_of(partial(_quantities, model_there, point))
+        outcomes[i] = outcome_of(_quantities, model_there, point)
     failed = {i: one for i, one in enumerate(outcomes) if isinstance(one, Exception)}
     rows = [[math.nan] * ROW_LENGTH if i in failed else one for i, one in enumerate(outcomes)]
     return np.array(rows), failed

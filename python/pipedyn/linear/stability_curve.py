@@ -241,7 +241,7 @@ def sweep(
     def model_at(value: float) -> AnyModel:
         return checked_model(make_model(value))
 
-    outcomes: list[Any] = [outcome_of(partial(model_at, value)) for value in at.tolist()]
+    outcomes: list[Any] = [outcome_of(model_at, value) for value in at.tolist()]
     pipes = tuple(None if isinstance(one, Exception) else one.pipe for one in outcomes)
     made = [i for i, one in enumerate(pipes) if one is not None]
     least = BATCHES if executor is not None or shown else 1
