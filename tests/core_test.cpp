@@ -721,7 +721,7 @@ class Branches : public pipedyn::Spectrum {
     at.noise = pipedyn::Reals::Constant(size, 1e-14);
     return at;
   }
-  pipedyn::Pair refined(double u, const pipedyn::Pair& guess) override {
+  pipedyn::Pair refined(double u, const pipedyn::Pair& guess, bool) override {
     const Index branch = static_cast<Index>(std::lround((guess.value.imag() - 5.0) / 2.0));
     return {{real(branch, u), frequency_of(branch)}, {}, {}, 0.0, 1e-15, slope(branch, u)};
   }

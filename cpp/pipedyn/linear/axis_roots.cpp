@@ -53,10 +53,12 @@ std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double 
   double last = infinite;
   bool is_rounded = false;
   for (int iteration = 0;; ++iteration) {
-    Pair pair = spectrum.refined(u, guess);
+    const bool ends = iteration == most_iterations || last == 0.0;
+    Pair pair = spectrum.refined(u, guess, ends);
     const double change = -pair.value.real() / pair.slope.real(), size = std::abs(change);
     const bool inside = u + change >= low && u + change <= high;
-    if (iteration == most_iterations || !inside || last == 0.0) return {u, std::move(pair)};
+    if (ends) return {u, std::move(pair)};
+    if (!inside) return {u, spectrum.refined(u, pair)};
     u = std::max(u + change, 0.0);
     guess = std::move(pair);
     guess.value += guess.slope * change;

@@ -325,10 +325,11 @@ class Together {
   Searched searched(Index i) {
     Searched done;
     begins_(i);
-    done.numbers = spectra_[i]->numbers();
-    const bool known = shares(i) && !done.numbers.empty();
-    found_[i] = crossings(*spectra_[i], ranges_[i], report_, known ? &done.trace : nullptr);
-    done.sweep = found_[i];
+    const bool is_shared = spectra_.size() > 2 && shares(i);
+    if (is_shared) done.numbers = spectra_[i]->numbers();
+    Trace* const trace = done.numbers.empty() ? nullptr : &done.trace;
+    found_[i] = crossings(*spectra_[i], ranges_[i], report_, trace);
+    if (trace != nullptr) done.sweep = found_[i];
     return done;
   }
 

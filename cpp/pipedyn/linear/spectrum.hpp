@@ -185,9 +185,9 @@ class Spectrum {
   /// Number of roots that are exactly zero at every speed.
   virtual Index standing() { return 0; }
 
-  /// The root next to a guess, with its vectors. The value of the guess is used and, if known, its
-  /// right vector.
-  virtual Pair refined(double u, const Pair& guess) = 0;
+  /// The root next to a guess. The value of the guess is used and, if known, its right vector.
+  /// vectors: whether the vectors of the root are needed.
+  virtual Pair refined(double u, const Pair& guess, bool vectors = true) = 0;
 
   /// Rayleigh quotients x^H K x / x^H M x of roots' vectors at a speed. At rest a quotient is the
   /// square of the frequency that a mode would have without damping, and the same for both roots of

@@ -356,7 +356,7 @@ Reals Structured::quotients(double u, const Pairs& pairs) {
   return of_->quotients(u, pairs.right);
 }
 
-Pair Structured::refined(double u, const Pair& guess) {
+Pair Structured::refined(double u, const Pair& guess, bool vectors) {
   Values value = Values::Constant(1, guess.value);
   for (int step = 0; step < 8; ++step) {
     const Complex change = 1.0 / log_derivatives(u, value)[0];
@@ -364,11 +364,14 @@ Pair Structured::refined(double u, const Pair& guess) {
     value[0] -= change;
     if (std::abs(change) <= 1e-8 * std::abs(value[0])) break;  // convergence is quadratic
   }
-  Pairs found = refined_roots(u, {{value[0], false}}, true);
+  Pairs found = refined_roots(u, {{value[0], false}}, vectors);
   // Where the flow does hardly any work on a mode, as on one whose tip is held by a mass, its
   // energy balance gives a more accurate growth. It takes O(n^2), so it is used only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
-  if (hidden && traits.dof <= dense_limit) balance(u, found);
+  if (hidden && traits.dof <= dense_limit) {
+    if (!vectors) found = refined_roots(u, {{value[0], false}}, true);
+    balance(u, found);
+  }
   return found.pair(0);
 }
 

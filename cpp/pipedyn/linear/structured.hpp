@@ -40,7 +40,7 @@ class Structured : public Eigenproblem {
   void assess(double u, Pairs& pairs) override;
   std::optional<Forms> forms(const Pair& pair) const override;
   Index standing() override { return zeros_in_flow_; }
-  Pair refined(double u, const Pair& guess) override;
+  Pair refined(double u, const Pair& guess, bool vectors) override;
   Reals quotients(double u, const Pairs& pairs) override;
   /// Divergences by a search that is certified: the zeros of the determinant in a disc are counted
   /// by its log-derivative on the circle, in O(n) for each point.
