@@ -12,11 +12,11 @@ namespace {
 constexpr int most_iterations = 12;
 
 /// Relative length of a step of Newton's method below which its end is rounded.
-constexpr double short_enough = 1e-7;
+constexpr double short_enough = 1e-8;
 
-/// A number to 30 bits, by Veltkamp's splitting.
+/// A number to 26 bits, by Veltkamp's splitting.
 double rounded(double x) {
-  const double large = 8388609.0 * x;  // 2^23 + 1
+  const double large = 134217729.0 * x;  // 2^27 + 1
   return large - (large - x);
 }
 
@@ -62,12 +62,12 @@ std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double 
     u = std::max(u + change, 0.0);
     guess = std::move(pair);
     guess.value += guess.slope * change;
-    // The last steps begin at a point to 30 bits. So their end does not depend on the guess, and a
+    // The last steps begin at a point to 26 bits. So their end does not depend on the guess, and a
     // pipe has the same answer whether it is searched alone or among others.
     if (size <= short_enough * (1.0 + u) && !std::exchange(is_rounded, true)) {
       u = rounded(u);
       guess.value = {0.0, rounded(guess.value.imag())};
-      last = 1e-3;
+      last = 1e-4;
       continue;
     }
     // Either the iteration has converged, or its steps do not shrink any more and what is left is
@@ -76,7 +76,7 @@ std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double 
     const double ratio = last == infinite ? 1.0 : std::min(size / last, 1.0);
     const double next = size * ratio * ratio;
     const double rate = std::abs(guess.slope.real());
-    const bool within = next * rate <= 0.1 * guess.uncertain || next <= 4e-16 * u;
+    const bool within = is_rounded && (next * rate <= 0.1 * guess.uncertain || next <= 4e-16 * u);
     last = within || size >= last ? 0.0 : size;
   }
 }

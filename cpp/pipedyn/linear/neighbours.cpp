@@ -181,7 +181,7 @@ class Neighbours {
     const auto flutters = [](const Sweep& sweep) {
       return sweep.failure.empty() && !sweep.untracked && sweep.unstable_at_rest == 0 &&
              sweep.crossings.size() == 1 && sweep.crossings[0].change == 2 &&
-             sweep.crossings[0].value != 0.0 && sweep.crossings[0].pair.right.size() > 0;
+             sweep.crossings[0].value != 0.0;
     };
     if (!flutters(one_.sweep) || !flutters(other_.sweep) || first().mode != second().mode) {
       return false;
