@@ -335,12 +335,11 @@ class Together {
 
   /// Whether a search is one whose neighbours may share it.
   bool shares(Index i) const {
-    const Range &range = ranges_[i], &same = ranges_[0];
-    const Traits &traits = spectra_[i]->traits, &others = spectra_[0]->traits;
-    return range.until_unstable && range.count >= 2 * traits.dof && range.resolved >= traits.dof &&
-           range.max_speed == same.max_speed && traits.dof == others.dof &&
-           !traits.is_hysteretic() && !traits.conservative && !traits.squared &&
-           traits.damped == others.damped;
+    const Range& range = ranges_[i];
+    const Traits& traits = spectra_[i]->traits;
+    const bool every = range.count >= 2 * traits.dof && range.resolved >= traits.dof;
+    return every && range.until_unstable && range.max_speed == ranges_[0].max_speed &&
+           !traits.is_hysteretic() && !traits.conservative && !traits.squared;
   }
 
   std::optional<double> place_of(Index i, const Searched& one, const Searched& other) const {

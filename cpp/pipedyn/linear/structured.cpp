@@ -308,6 +308,12 @@ void Structured::assume(double u, const Values& roots) {
   known_.push_back({u, std::move(starts), most_assumed});
 }
 
+std::vector<double> Structured::numbers() const {
+  std::vector<double> found = of_->numbers();
+  if (!found.empty()) found.push_back(traits.damped ? 1.0 : 0.0);
+  return found;
+}
+
 std::optional<Values> Structured::all_roots(double u, const Values& starts) {
   Approximations roots;
   roots.reserve(starts.size());

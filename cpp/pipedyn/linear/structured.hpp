@@ -46,7 +46,7 @@ class Structured : public Eigenproblem {
   /// by its log-derivative on the circle, in O(n) for each point.
   Divergences divergences(double max_speed, bool first) override;
   std::optional<Divergence> divergence_near(double guess, double reach) override;
-  std::vector<double> numbers() const override { return of_->numbers(); }
+  std::vector<double> numbers() const override;
   std::optional<Values> all_roots(double u, const Values& starts) override;
 
  protected:
