@@ -132,7 +132,7 @@ def critical_speeds(
     This is `critical_speed` for maps of up to a hundred million pipes: the answers are arrays, and
     sensitivities are left out. Pipes are searched in batches, which the core shares among the
     processors that the process may use; with an executor, batches are its tasks. Neither changes
-    the answers.
+    the answers. Neighbouring chains share a part of their searches, as in `stability_curve`.
 
     Args:
         model: chain, reduced model or `Continuum` with the numbers that do not vary. Springs,

@@ -179,6 +179,12 @@ def stability_curve(
 ) -> StabilityCurve:
     """Critical speed against any parameter.
 
+    Each point has the answer of `critical_speed`. Neighbouring chains share a part of their
+    searches: if two of them flutter by the same mode, and the real parts of their eigenvalues
+    differ at lower speeds by at most a quarter of their size, then so do those of the chains
+    between them. Of each of these all eigenvalues are computed at a speed next below its critical
+    one, where none may be unstable. So many near values take less time each than a few.
+
     Args:
         make_model: function that makes the model at a value of the parameter. It is called in this
             process, so that it may be a lambda.

@@ -152,7 +152,7 @@ class Chain(SegmentModel):
         n = check.count("n", n, high=LARGEST_CHAIN)
         # Segments that follow from these numbers alone are made once.
         plain = rule is not None and lengths is centres is gyration_radii is drag_points is None
-        plain = plain and masses is pipe.stiffness is pipe.mass is None
+        plain = plain and masses is None and pipe.stiffness is pipe.mass is None
         key = (n, rule, base, pipe.supports, pipe.end_guided)
         if plain and key in _SHARED:
             vars(self).update(_SHARED[key])
