@@ -325,7 +325,7 @@ class Together {
   Searched searched(Index i) {
     Searched done;
     begins_(i);
-    const bool is_shared = spectra_.size() > 2 && shares(i);
+    const bool is_shared = shares(i) && is_on_line(i);
     if (is_shared) done.numbers = spectra_[i]->numbers();
     Trace* const trace = done.numbers.empty() ? nullptr : &done.trace;
     found_[i] = crossings(*spectra_[i], ranges_[i], report_, trace);
@@ -340,6 +340,23 @@ class Together {
     const bool every = range.count >= 2 * traits.dof && range.resolved >= traits.dof;
     return every && range.until_unstable && range.max_speed == ranges_[0].max_speed &&
            !traits.is_hysteretic() && !traits.conservative && !traits.squared;
+  }
+
+  /// Whether a pipe is the first, the middle or the last of five on a line, in order. Steps of
+  /// others need not be kept: their neighbours seldom share them.
+  bool is_on_line(Index i) const {
+    for (const Index first : {i - 2, i, i - 4}) {
+      if (first < 0 || first + 4 >= static_cast<Index>(spectra_.size())) continue;
+      const auto one = spectra_[first]->numbers(), other = spectra_[first + 4]->numbers();
+      double last = 0.0;
+      bool in_order = true;
+      for (Index k = first + 1; in_order && k < first + 4; ++k) {
+        const double next = place(spectra_[k]->numbers(), one, other).value_or(-1.0);
+        in_order = next >= std::exchange(last, next);
+      }
+      if (in_order) return true;
+    }
+    return false;
   }
 
   std::optional<double> place_of(Index i, const Searched& one, const Searched& other) const {
