@@ -21,9 +21,9 @@
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/quadrature.hpp"
 #include "pipedyn/linear/complement.hpp"
-#include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/determinant_roots.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
+#include "pipedyn/linear/neighbours.hpp"
 #include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/modular/systems.hpp"
 #include "pipedyn/motion/radau_coefficients.hpp"
@@ -721,7 +721,7 @@ class Branches : public pipedyn::Spectrum {
     at.noise = pipedyn::Reals::Constant(size, 1e-14);
     return at;
   }
-  pipedyn::Pair refined(double u, const pipedyn::Pair& guess) override {
+  pipedyn::Pair refined(double u, const pipedyn::Pair& guess, bool) override {
     const Index branch = static_cast<Index>(std::lround((guess.value.imag() - 5.0) / 2.0));
     return {{real(branch, u), frequency_of(branch)}, {}, {}, 0.0, 1e-15, slope(branch, u)};
   }
@@ -729,6 +729,14 @@ class Branches : public pipedyn::Spectrum {
     return pairs.values.abs2();
   }
   pipedyn::Divergences divergences(double, bool) override { return {}; }
+  std::vector<double> numbers() const override {
+    return {cubics_.data(), cubics_.data() + cubics_.size()};
+  }
+  std::optional<pipedyn::Values> all_roots(double u, const pipedyn::Values& starts) override {
+    pipedyn::Values found = starts;
+    for (pipedyn::Complex& one : found) one = refined(u, {one}, false).value;
+    return found;
+  }
 
  private:
   static double frequency_of(Index branch) { return 5.0 + 2.0 * static_cast<double>(branch); }
@@ -807,6 +815,7 @@ void check_completeness() {
 
 void check_crossings() {
   Dice dice;
+  Index saved = 0, all = 0;
   for (int trial = 0; trial < 50; ++trial) {
     scene = "branches " + std::to_string(trial);
     const Index pairs = 1 + trial % 7;
@@ -836,6 +845,35 @@ void check_crossings() {
             "a branch stays itself");
     }
   }
+  for (int trial = 0; trial < 50; ++trial) {
+    scene = "neighbours " + std::to_string(trial);
+    const Index pairs = 2 + trial % 5, count = 60;
+    const Matrix one = 0.3 * dice.matrix(pairs, 4), change = 0.02 * dice.matrix(pairs, 4);
+    std::vector<std::shared_ptr<pipedyn::Spectrum>> family;
+    for (Index k = 0; k < count; ++k) {
+      Matrix cubics = one + (static_cast<double>(k) / count) * change;
+      cubics.col(0) = -cubics.col(0).cwiseAbs();  // stable at rest
+      if (k == 17) cubics(1, 3) += 0.2;           // off the line
+      family.push_back(std::make_shared<Branches>(cubics));
+    }
+    const std::vector<pipedyn::Range> ranges(
+        count, {3.0, 1.0, 4 * pairs, 2 * pairs, 2 * pairs, 2 * pairs, true});
+    std::vector<pipedyn::Sweep> found(count);
+    Index samples = 0, own_samples = 0;
+    pipedyn::search_together(family, ranges, [](Index) {}, [&] { ++samples; }, found);
+    for (Index k = 0; k < count; ++k) {
+      const auto own = pipedyn::crossings(*family[k], ranges[k], [&] { ++own_samples; });
+      check(found[k].crossings.size() == own.crossings.size(), "as many crossings as alone");
+      for (std::size_t i = 0; i < own.crossings.size(); ++i) {
+        const auto &a = found[k].crossings[i], &b = own.crossings[i];
+        check(a.speed == b.speed && a.mode == b.mode && a.change == b.change && a.error == b.error,
+              "the crossing of the search alone");
+      }
+    }
+    saved += own_samples - samples;
+    all += own_samples;
+  }
+  check(4 * saved > all, "neighbours share samples");
   scene = "residuals";  // eps |lambda|^2 is 200 there
   check(pipedyn::has_converged({0.0, 1e9}, 1e-5) && !pipedyn::has_converged({0.0, 1e9}, 1e-2),
         "a large residual is no eigenvalue whatever rounding explains");

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
+from pipedyn.util.counters import count_work
 
 BETAS = [0.1, 0.2, 0.5, 0.65]
 
@@ -80,6 +81,30 @@ def test_a_batch_changes_nothing(damping):
         assert [(c.speed, c.mode, c.error) for c in found] == [
             (c.speed, c.mode, c.error) for c in alone
         ]
+
+
+LINES = {
+    "beta, through three folds": lambda x: pp.Chain(pp.Pipe(0.05 + 0.85 * x), 8),
+    "beta and gamma": lambda x: pp.Chain(pp.Pipe(0.3 + 0.2 * x, gamma=20.0 * x), 7),
+    "damping": lambda x: pp.Chain(pp.Pipe(0.25, damping=0.005 * x), 6),
+    "a mass at the end": lambda x: pp.Chain(pp.Pipe(0.4, terms=[pp.PointMass(1.0, x)]), 6),
+    "a spring that moves": lambda x: pp.Chain(pp.Pipe(0.2, terms=[pp.Spring(1.0 - x, 60.0)]), 9),
+    "one pipe among others": lambda x: pp.Chain(pp.Pipe(0.4 if 0.5 < x < 0.51 else 0.2), 6),
+}
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_neighbours_that_share_a_search_have_the_answers_of_their_own(line):
+    """Where the critical speed jumps, where a mode takes over or a pipe differs, too."""
+    values = np.linspace(0.0, 0.9, 200)
+    with count_work() as shared:
+        curve = pp.stability_curve(LINES[line], values)
+    with count_work() as own:
+        alone = [pp.critical_speed(LINES[line](value)) for value in values]
+    for one, other in zip(curve.critical, alone, strict=True):
+        assert (one.kind, one.mode, one.stable_from) == (other.kind, other.mode, other.stable_from)
+        assert abs(one.speed - other.speed) <= one.error + other.error
+    assert shared.factorisations < 0.9 * own.factorisations
 
 
 def test_a_process_pool_takes_a_lambda_and_keeps_failures():

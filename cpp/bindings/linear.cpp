@@ -12,14 +12,15 @@
 #include <atomic>
 #include <chrono>
 #include <functional>
+#include <span>
 #include <stdexcept>
 #include <thread>
 
 #include "arguments.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/panel_pencil.hpp"
-#include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
+#include "pipedyn/linear/neighbours.hpp"
 #include "pipedyn/linear/neutral.hpp"
 #include "pipedyn/linear/structured.hpp"
 #include "pipedyn/linear/tracking.hpp"
@@ -215,6 +216,7 @@ void define_linear(py::module_& m) {
          const py::object& count_work) {
         std::vector<Sweep> found(spectra.size());
         if (spectra.empty()) return found;
+        if (ranges.size() != spectra.size()) throw py::value_error("each spectrum needs a range");
         Report report(spectra[0], count_work);
         {
           const py::gil_scoped_release unlocked;
@@ -228,12 +230,12 @@ void define_linear(py::module_& m) {
               if (stopped) throw std::runtime_error("another thread's search was stopped");
             };
             try {
-              for (; i < end; ++i) {
-                if (own) report.next_search(spectra[i]);
-                const std::function<void()> asked =
-                    own ? std::ref(report) : std::function(stop_too);
-                found[i] = crossings(*spectra[i], ranges.at(i), asked);
-              }
+              const std::function<void()> asked = own ? std::ref(report) : std::function(stop_too);
+              const auto begins = [&](Index k) {
+                if (own) report.next_search(spectra[i + k]);
+              };
+              const auto part = [&](auto& of) { return std::span(of).subspan(i, end - i); };
+              search_together(part(spectra), part(ranges), begins, asked, part(found));
             } catch (...) {
               if (own) stopped = true;
               throw;

@@ -16,9 +16,6 @@ namespace {
 /// for divergences up to four times this speed takes longer than all else.
 constexpr double nearest_end = 26.0;
 
-/// Largest relative error of a crossing's speed that is a result: three digits are wanted.
-constexpr double largest_error = 1e-3;
-
 bool is_known(double speed, double error) { return error <= largest_error * speed + 1e-12; }
 
 /// The root that a growing real root of the pipe without loss factor becomes with it: the nearest
@@ -64,8 +61,14 @@ struct Scan {
 
 class Search {
  public:
-  Search(Spectrum& spectrum, const Range& range, const std::function<void()>& report)
-      : spectrum_(spectrum), traits_(spectrum.traits), range_(range), report_(report) {}
+  Search(Spectrum& spectrum, const Range& range, const std::function<void()>& report, Trace* trace)
+      : spectrum_(spectrum),
+        traits_(spectrum.traits),
+        range_(range),
+        report_(report),
+        trace_(trace) {
+    if (trace != nullptr) trace->clear();
+  }
 
   /// first_alone: whether the search ends behind the first of several divergences, or at
   /// `nearest_end`; the result is none if it would have to go on there.
@@ -359,6 +362,7 @@ class Search {
 
   /// Adds the crossings of a step; returns whether the search goes on.
   bool visit(const Step& step) {
+    if (trace_ != nullptr) trace_->emplace_back(step, modes_);
     move(step);
     if (sweep_.untracked) return false;
     std::vector<AxisCrossing> found = crossings(step);
@@ -777,6 +781,7 @@ class Search {
   const Traits& traits_;
   const Range& range_;
   const std::function<void()>& report_;
+  Trace* const trace_;
   Sweep sweep_;
   Divergences divergences_;
   Values rest_;       // roots of the sample at rest
@@ -792,10 +797,11 @@ class Search {
 
 }  // namespace
 
-Sweep crossings(Spectrum& spectrum, const Range& range, const std::function<void()>& report) {
+Sweep crossings(Spectrum& spectrum, const Range& range, const std::function<void()>& report,
+                Trace* trace) {
   std::optional<Sweep> ended;
-  if (range.until_unstable) ended = Search(spectrum, range, report).run(true);
-  return ended ? *std::move(ended) : *Search(spectrum, range, report).run(false);
+  if (range.until_unstable) ended = Search(spectrum, range, report, trace).run(true);
+  return ended ? *std::move(ended) : *Search(spectrum, range, report, trace).run(false);
 }
 
 }  // namespace pipedyn

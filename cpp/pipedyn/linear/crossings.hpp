@@ -65,6 +65,9 @@ struct Sweep {
 /// without damping 0.03 at most.
 inline constexpr double heavy_damping = 0.3;
 
+/// Largest relative error of a crossing's speed that is a result: three digits are wanted.
+inline constexpr double largest_error = 1e-3;
+
 /// Range of a search: `tracked` modes are computed and tracked, and crossings are looked for among
 /// those that are the `resolved` lowest at rest.
 struct Range {
@@ -77,7 +80,12 @@ struct Range {
   bool until_unstable;  // whether the search ends at the first crossing that destabilises
 };
 
+/// Steps of a search, each with the modes of the roots of its left sample.
+using Trace = std::vector<std::pair<Step, Roots>>;
+
 /// Crossings between rest and a flow speed. `report` is called after each sample, and may throw.
-Sweep crossings(Spectrum& spectrum, const Range& range, const std::function<void()>& report);
+/// The steps of the search are added to `trace`, where it is given.
+Sweep crossings(Spectrum& spectrum, const Range& range, const std::function<void()>& report,
+                Trace* trace = nullptr);
 
 }  // namespace pipedyn

@@ -220,6 +220,22 @@ std::pair<Matrix, double> ChainDeterminant::matrix(const LinearPart& part) const
           every.norm()};
 }
 
+std::vector<double> ChainDeterminant::numbers() const {
+  const ChainModel model = chain_->model();
+  std::vector<double> found{model.coriolis, model.entry, model.thrust[0], model.guided ? 1.0 : 0.0};
+  for (std::ptrdiff_t j = 0; j < model.size; ++j) {
+    const StiffnessSegment& at = model.dynamic_stiffnesses[j];
+    found.push_back(at.repeats ? 1.0 : 0.0);
+    if (at.repeats) continue;
+    for (const StiffnessParts& of : {at.joint, at.force, at.across, at.turned, at.moment}) {
+      found.insert(found.end(), {of.stiffness, of.damping, of.mass});
+    }
+    found.insert(found.end(), {at.length, at.joint_hysteresis, at.moment_hysteresis,
+                               at.held ? 1.0 : 0.0, at.loaded ? 1.0 : 0.0});
+  }
+  return found;
+}
+
 StaticDeterminants ChainDeterminant::static_determinants(const Values& u) const {
   const Index count = u.size();
   StaticDeterminants found{Values::Zero(count), Reals::Ones(count)};

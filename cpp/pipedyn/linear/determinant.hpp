@@ -82,6 +82,9 @@ class Determinant {
   /// Rayleigh quotients x^H K x / x^H M x of vectors (dof, r).
   Reals quotients(double u, const ComplexTable& vectors) const;
 
+  /// The numbers of the model, as in `Spectrum::numbers`.
+  virtual std::vector<double> numbers() const { return {}; }
+
   /// a, the factor of u^2 in K(u).
   virtual double thrust() const = 0;
   /// det K(u) at real or complex speeds, or det P(beside_zero, u) where joints turn freely.
@@ -132,6 +135,7 @@ class ChainDeterminant : public Determinant {
   std::pair<Matrix, double> matrix(const LinearPart& part) const override;
   bool is_pivoted() const override { return false; }
   bool turns_freely() const override { return chain_->turns_freely(); }
+  std::vector<double> numbers() const override;
   double thrust() const override { return chain_->model().thrust[0]; }
   StaticDeterminants static_determinants(const Values& u) const override;
   int negative_at_rest() const override;

@@ -491,7 +491,7 @@ Pair Eigenproblem::near(double u, const Pair& guess) {
   return result;
 }
 
-Pair Eigenproblem::refined(double u, const Pair& guess) {
+Pair Eigenproblem::refined(double u, const Pair& guess, bool) {
   const Pair found = near(u, guess);
   Pairs pairs{Values::Constant(1, found.value), found.right, found.left,
               Reals::Constant(1, found.residual)};

@@ -45,7 +45,7 @@ class Eigenproblem : public Spectrum {
   virtual void assess(double u, Pairs& pairs);
 
   Sample sample(double u, Index count) override;
-  Pair refined(double u, const Pair& guess) override;
+  Pair refined(double u, const Pair& guess, bool vectors) override;
   Index standing() override { return free_turns().cols(); }
   Reals quotients(double u, const Pairs& pairs) override;
   /// Divergences from one eigenvalue problem in s = u^2, as K = K_0 + s A.

@@ -185,9 +185,9 @@ class Spectrum {
   /// Number of roots that are exactly zero at every speed.
   virtual Index standing() { return 0; }
 
-  /// The root next to a guess, with its vectors. The value of the guess is used and, if known, its
-  /// right vector.
-  virtual Pair refined(double u, const Pair& guess) = 0;
+  /// The root next to a guess. The value of the guess is used and, if known, its right vector.
+  /// vectors: whether the vectors of the root are needed.
+  virtual Pair refined(double u, const Pair& guess, bool vectors = true) = 0;
 
   /// Rayleigh quotients x^H K x / x^H M x of roots' vectors at a speed. At rest a quotient is the
   /// square of the frequency that a mode would have without damping, and the same for both roots of
@@ -204,6 +204,14 @@ class Spectrum {
   /// the real roots of a pipe with one are those of the pipe without it.
   virtual Spectrum& without_loss() { return without_loss_ == nullptr ? *this : *without_loss_; }
   void set_without_loss(std::shared_ptr<Spectrum> other) { without_loss_ = std::move(other); }
+
+  /// The numbers on which all roots depend continuously, in an order that is the same for all
+  /// models of one kind and size; none where they are not known.
+  virtual std::vector<double> numbers() const { return {}; }
+
+  /// All roots at a speed, of each conjugate pair the upper one, from starts for each; none unless
+  /// these lead to all of them.
+  virtual std::optional<Values> all_roots(double, const Values&) { return {}; }
 
   /// Number of matrices factorised since the last call; an eigenvalue problem counts as one.
   int factorisations() {

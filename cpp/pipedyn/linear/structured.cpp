@@ -308,6 +308,26 @@ void Structured::assume(double u, const Values& roots) {
   known_.push_back({u, std::move(starts), most_assumed});
 }
 
+std::vector<double> Structured::numbers() const {
+  std::vector<double> found = of_->numbers();
+  if (!found.empty()) found.push_back(traits.damped ? 1.0 : 0.0);
+  return found;
+}
+
+std::optional<Values> Structured::all_roots(double u, const Values& starts) {
+  Approximations roots;
+  roots.reserve(starts.size());
+  for (const Complex start : starts) roots.push_back({start, start.imag() == 0.0});
+  factorised_ += 2;
+  const bool found = zeros_in_flow_ == 0 && roots_in(roots) == 2 * traits.dof &&
+                     correct(*of_, u, roots, most_near) && roots_in(roots) == 2 * traits.dof &&
+                     has_all(*of_, u, roots);
+  if (!found || static_cast<Index>(roots.size()) != starts.size()) return {};
+  Values values(starts.size());
+  for (Index i = 0; i < starts.size(); ++i) values[i] = roots[i].value;
+  return values;
+}
+
 void Structured::assess(double u, Pairs& pairs) {
   if (pairs.uncertain.size() > 0) return;
   const Index count = pairs.values.size();
@@ -342,7 +362,7 @@ Reals Structured::quotients(double u, const Pairs& pairs) {
   return of_->quotients(u, pairs.right);
 }
 
-Pair Structured::refined(double u, const Pair& guess) {
+Pair Structured::refined(double u, const Pair& guess, bool vectors) {
   Values value = Values::Constant(1, guess.value);
   for (int step = 0; step < 8; ++step) {
     const Complex change = 1.0 / log_derivatives(u, value)[0];
@@ -350,11 +370,14 @@ Pair Structured::refined(double u, const Pair& guess) {
     value[0] -= change;
     if (std::abs(change) <= 1e-8 * std::abs(value[0])) break;  // convergence is quadratic
   }
-  Pairs found = refined_roots(u, {{value[0], false}}, true);
+  Pairs found = refined_roots(u, {{value[0], false}}, vectors);
   // Where the flow does hardly any work on a mode, as on one whose tip is held by a mass, its
   // energy balance gives a more accurate growth. It takes O(n^2), so it is used only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
-  if (hidden && traits.dof <= dense_limit) balance(u, found);
+  if (hidden && traits.dof <= dense_limit) {
+    if (!vectors) found = refined_roots(u, {{value[0], false}}, true);
+    balance(u, found);
+  }
   return found.pair(0);
 }
 

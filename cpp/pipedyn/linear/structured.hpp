@@ -40,12 +40,14 @@ class Structured : public Eigenproblem {
   void assess(double u, Pairs& pairs) override;
   std::optional<Forms> forms(const Pair& pair) const override;
   Index standing() override { return zeros_in_flow_; }
-  Pair refined(double u, const Pair& guess) override;
+  Pair refined(double u, const Pair& guess, bool vectors) override;
   Reals quotients(double u, const Pairs& pairs) override;
   /// Divergences by a search that is certified: the zeros of the determinant in a disc are counted
   /// by its log-derivative on the circle, in O(n) for each point.
   Divergences divergences(double max_speed, bool first) override;
   std::optional<Divergence> divergence_near(double guess, double reach) override;
+  std::vector<double> numbers() const override;
+  std::optional<Values> all_roots(double u, const Values& starts) override;
 
  protected:
   Reals rounding(const Pairs& pairs) const override;

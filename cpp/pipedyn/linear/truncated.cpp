@@ -48,7 +48,9 @@ Sample Truncated::sample(double u, Index count) {
   return at;
 }
 
-Pair Truncated::refined(double u, const Pair& guess) { return fewer_->refined(u, guess); }
+Pair Truncated::refined(double u, const Pair& guess, bool vectors) {
+  return fewer_->refined(u, guess, vectors);
+}
 
 std::optional<Sweep> Truncated::of_larger(Sweep sweep, double end, Index resolved) {
   if (!alike_ || sweep.untracked || !sweep.failure.empty()) return {};

@@ -31,7 +31,7 @@ class Truncated : public Spectrum {
         resolved_(2 * resolved) {}
 
   Sample sample(double u, Index count) override;
-  Pair refined(double u, const Pair& guess) override;
+  Pair refined(double u, const Pair& guess, bool vectors) override;
   Reals quotients(double u, const Pairs& pairs) override { return fewer_->quotients(u, pairs); }
   Index standing() override { return fewer_->standing(); }
   Spectrum& without_loss() override {

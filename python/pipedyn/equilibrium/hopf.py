@@ -672,7 +672,7 @@ class CriticalityCurve(SweptResult, units={"folds": SPEED}):
 
 
 def _onsets(models: Sequence[Model]) -> list[Hopf | Exception]:
-    return [outcome_of(partial(hopf, model)) for model in models]
+    return [outcome_of(hopf, model) for model in models]
 
 
 def criticality_curve(

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any, Literal, TypeAlias
 
@@ -43,7 +43,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import count_factorisations
 from pipedyn.util.errors import NotConverged, PipedynError, warn_of_plane
-from pipedyn.util.parallel import Returned, one_thread, outcome_of
+from pipedyn.util.parallel import NoCollection, Returned, one_thread, outcome_of
 from pipedyn.util.result import SPEED
 
 LONG_MODEL = 4
@@ -290,7 +290,7 @@ def critical_points(
     found: list[Any] = first_losses(models, max_speed, sensitive)
     for i, model in enumerate(models):
         if not isinstance(found[i], Exception) and found[i][0] is None:
-            found[i] = outcome_of(partial(_no_critical_speed, model, max_speed))
+            found[i] = outcome_of(_no_critical_speed, model, max_speed)
     return found
 
 
@@ -390,15 +390,17 @@ def stability_losses(
     """
     plans: list[Any] = []
     jobs: list[Search] = []
-    for model in models:
-        plans.append(outcome_of(partial(_plan, model, max_speed, until_unstable)))
-        if not isinstance(plans[-1], Exception):
-            jobs += plans[-1]
-    _run_searches(jobs)
-    end = max_speed if continuum_end is None else continuum_end
-    for i, model in enumerate(models):
-        if not isinstance(plans[i], Exception):
-            plans[i] = outcome_of(partial(_point, model, plans[i], end, sensitive))
+    # The garbage collector would look at the same objects, none of which are in cycles, many times.
+    with NoCollection():
+        for model in models:
+            plans.append(outcome_of(_plan, model, max_speed, until_unstable))
+            if not isinstance(plans[-1], Exception):
+                jobs += plans[-1]
+        _run_searches(jobs)
+        end = max_speed if continuum_end is None else continuum_end
+        for i, model in enumerate(models):
+            if not isinstance(plans[i], Exception):
+                plans[i] = outcome_of(_point, model, plans[i], end, sensitive)
     return plans
 
 

@@ -138,7 +138,7 @@ def critical_speeds(
     This is `critical_speed` for maps of up to a hundred million pipes: the answers are arrays, and
     sensitivities are left out. Pipes are searched in batches, which the core shares among the
     processors that the process may use; with an executor, batches are its tasks. Neither changes
-    the answers.
+    the answers. Neighbouring chains share a part of their searches, as in `stability_curve`.
 
     Args:
         model: chain, reduced model or `Continuum` with the numbers that do not vary. Springs,
@@ -242,12 +242,12 @@ def _answers(model: AnyModel, names: Sequence[str], points: Array, max_speed: fl
             pipe = number.changed(pipe, value)
         return checked_model(model.with_pipe(pipe))
 
-    outcomes: list[Any] = [outcome_of(partial(model_at, row)) for row in points.tolist()]
+    outcomes: list[Any] = [outcome_of(model_at, row) for row in points.tolist()]
     made = [i for i, one in enumerate(outcomes) if not isinstance(one, Exception)]
     models = [outcomes[i] for i in made]
     points_found = first_losses(models, max_speed, sensitive=False)
     for i, model_there, point in zip(made, models, points_found, strict=True):
-        outcomes[i] = outcome_of(partial(_quantities, model_there, point))
+        outcomes[i] = outcome_of(_quantities, model_there, point)
     failed = {i: one for i, one in enumerate(outcomes) if isinstance(one, Exception)}
     rows = [[math.nan] * ROW_LENGTH if i in failed else one for i, one in enumerate(outcomes)]
     return np.array(rows), failed

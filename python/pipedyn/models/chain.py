@@ -151,8 +151,8 @@ class Chain(SegmentModel):
             n = _segments_in(arrays | {"springs": None if rule else springs}, pipe.end_guided)
         n = check.count("n", n, high=LARGEST_CHAIN)
         # Segments that follow from these numbers alone are made once.
-        plain = rule is not None and all(one is None for one in arrays.values())
-        plain = plain and pipe.stiffness is None and pipe.mass is None
+        plain = rule is not None and lengths is centres is gyration_radii is drag_points is None
+        plain = plain and masses is None and pipe.stiffness is pipe.mass is None
         key = (n, rule, base, pipe.supports, pipe.end_guided)
         if plain and key in _SHARED:
             vars(self).update(_SHARED[key])

@@ -669,6 +669,8 @@ class Pipe(Saved):
 
         They are exact for a pipe that hangs, stands or is level.
         """
+        if self.inclination == 0.0:
+            return 0.0, 1.0
         both = math.sin(self.inclination), math.cos(self.inclination)
         across, along = (0.0 if abs(x) < 1e-15 else x for x in both)
         return across, along
@@ -700,8 +702,11 @@ class Pipe(Saved):
     @cached_property
     def axial_loads(self) -> tuple[float, float]:
         """Sums of the terms' loads that stretch the straight pipe and that compress it, >= 0."""
-        each = [term.axial_load for term in self.terms]
-        return sum(max(one, 0.0) for one in each), sum(max(-one, 0.0) for one in each)
+        pulls, pushes = 0.0, 0.0
+        for term in self.terms:
+            pulls += max(term.axial_load, 0.0)
+            pushes += max(-term.axial_load, 0.0)
+        return pulls, pushes
 
     @cached_property
     def fed_at_rest(self) -> bool:

@@ -107,7 +107,7 @@ def compute_findings(case: Options, executor: futures.Executor | None = None) ->
             findings.failures.append(f"{name}: {_remark(answer)}")
         return None, _remark(answer)
 
-    found = outcome_of(partial(critical_speed, exact))
+    found = outcome_of(critical_speed, exact)
     findings.exact, findings.remark = recorded("critical speed, continuous pipe", found)
     wanted = 0.0 if findings.exact is None else math.ceil(1.5 * findings.exact.speed)
     findings.highest = case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
