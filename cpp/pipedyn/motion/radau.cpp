@@ -303,8 +303,8 @@ double Radau::unseen(Index which, double h, Index& evaluations) {
   for (const Between& at : all) {
     go_between(at);
     combine_rows(z_.data(), at.slopes, n, x_.data());
-    of_.rates(members_[which].time + h * at.shares.array(), between_.data(),
-              same_, rates_at_.data());
+    of_.rates(members_[which].time + h * at.shares.array(), between_.data(), same_,
+              rates_at_.data());
     const Matrix missed = rates_at_.topRows(n) - x_ / h;
     const double change = largest(h * missed * at.gaps.asDiagonal());
     if (!(change > 1.0)) continue;

@@ -128,7 +128,7 @@ class Radau final : public Integrator {
   Vector y_, allowed_, predicted_;  // predicted_: predicted change over the step
   Vector start_rates_, end_rates_;  // rates at y_ and at the end of the step
   std::vector<Index> same_;         // the member, once for each stage
-  Vector stage_times_;                    // of the stages
+  Vector stage_times_;              // of the stages
   Interpolant step_;
   Matrix z_, before_, w_;     // (rows, 8): stages, stages of the last step, unknowns of the systems
   Matrix at_, rates_at_, x_;  // states at the stages, their rates, right-hand sides or solutions

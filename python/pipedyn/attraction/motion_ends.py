@@ -522,14 +522,15 @@ class _Engine:
         exponents: dict[_Run, LyapunovExponent | MotionStopped] = {}
         irregular = [run for run in runs if not run.comes_nearer]
         if self.options.exponents and irregular:
-            drive = irregular[0].case.drive
+            drive, t = irregular[0].case.drive, irregular[0].record.t
+            every = round(drive.whole(0.5) / float(t[1]))
             measured = exponents_together(
                 self.model,
                 [run.case.drive.u for run in irregular],
-                [run.state for run in irregular],
+                [run.record.states[::every] for run in irregular],
                 2.0 * times * self.options.duration,
                 10.0,
-                interval=drive.whole(0.5),
+                interval=every * float(t[1]),
                 base=drive.base,
                 driven=bool(drive.period),
             )
