@@ -102,6 +102,10 @@ by then."""
 RECORD_FACTOR = 5.0
 """Time over which an irregular motion is recorded, in durations: some hundred cycles or more."""
 
+SETTLING = 10.0
+"""Time in which the difference of neighbours turns to the direction of fastest growth, before an
+exponent is measured: along the record of a motion, unless that is too short."""
+
 RECORD_EXTENSIONS = 1.0, 2.0, 4.0
 """Factors of the usual time for which a motion is recorded and its exponent measured, one after the
 other, until the exponent or averages over the record show what the motion is."""
@@ -523,13 +527,17 @@ class _Engine:
         irregular = [run for run in runs if not run.comes_nearer]
         if self.options.exponents and irregular:
             drive, t = irregular[0].case.drive, irregular[0].record.t
-            every = round(drive.whole(0.5) / float(t[1]))
+            every, duration = (
+                round(drive.whole(0.5) / float(t[1])),
+                2.0 * times * self.options.duration,
+            )
+            long = float(t[-1]) >= SETTLING + duration
             measured = exponents_together(
                 self.model,
                 [run.case.drive.u for run in irregular],
-                [run.record.states[::every] for run in irregular],
-                2.0 * times * self.options.duration,
-                10.0,
+                [run.record.states[::every] if long else run.state for run in irregular],
+                duration,
+                SETTLING,
                 interval=every * float(t[1]),
                 base=drive.base,
                 driven=bool(drive.period),
