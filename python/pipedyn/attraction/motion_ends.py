@@ -535,7 +535,10 @@ class _Engine:
             measured = exponents_together(
                 self.model,
                 [run.case.drive.u for run in irregular],
-                [run.record.states[::every] if long else run.state for run in irregular],
+                [
+                    run.record.states[(t.size - 1) % every :: every] if long else run.state
+                    for run in irregular
+                ],
                 duration,
                 SETTLING,
                 interval=every * float(t[1]),

@@ -229,7 +229,8 @@ def exponents_together(
 
     Each of the paths is the state [p, p'] at which a motion starts, (2 integrated,), or states that
     are known, an interval apart, shape (S + 1, 2 integrated). Only the neighbours of motions with
-    known states are integrated, and the transient, then the duration, are as long as these allow.
+    known states are integrated, beside the last of these; where they are few, first the transient
+    is shortened, then the duration.
 
     If the flow pulsates or the base moves (`driven`), all motions have the same forcing and begin
     at the start of a period. The interval must be a multiple of that period, and the duration is
@@ -247,7 +248,9 @@ def exponents_together(
     each, known = max(math.ceil(duration / blocks / interval), 1), paths[0].ndim == 2
     if known:
         each = min(each, (len(paths[0]) - 1) // blocks)
-        transient = min(transient, interval * (len(paths[0]) - 1 - blocks * each))
+        most = math.ceil(transient / interval) + blocks * each + 1
+        paths = [path[-most:] for path in paths]
+        transient = interval * (len(paths[0]) - 1 - blocks * each)
     step = interval if driven or known else duration / blocks / each
     starts = [np.atleast_2d(path)[0] for path in paths]
     p, rates = np.split(starts[0], 2)
