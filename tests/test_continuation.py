@@ -298,22 +298,3 @@ def test_zeros_lie_as_near_as_they_are_asked_for(kind):
     ends = np.array([low, high]), np.array([high, low])
     both = zeros_between(function, *ends, *map(function, ends))
     assert both == pytest.approx([zero, zero], rel=1e-15, abs=1e-12)
-
-
-def test_newton_ends_where_quadratic_convergence_leaves_less_than_rounding_shows():
-    def root_of(c, tolerance):
-        steps = list[float]()
-
-        def correction(x):
-            steps.append(abs((x * x - c) / (2.0 * x)))
-            return -(x * x - c) / (2.0 * x), steps[-1]
-
-        return newton(1.5, correction, tolerance=tolerance), steps
-
-    root, steps = root_of(2.0, 1e-7)
-    assert steps[-1] > 1e-7  # two steps show that what is left is 2e-12
-    assert abs(root - 2.0**0.5) < 1e-11
-    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10):  # never less than the tolerance promises
-        for c in np.linspace(1.0, 9.0, 33):
-            root, _ = root_of(c, tolerance)
-            assert abs(root - c**0.5) <= max(tolerance**2, 1e-4 * tolerance, 1e-15)

@@ -19,11 +19,6 @@ MOST_PLACES, PLACE_ERROR = 100, 1e-12
 """Largest number of places at which a function is evaluated in search of a zero, which mostly takes
 seven; bisection alone takes 40. Largest error of the place of the zero."""
 
-LEFT, QUADRATIC = 1e-4, 0.1
-"""Share of the tolerance that the error may keep where no step tells it, and largest ratio of two
-steps up to which the ratio of the next two is its square, as quadratic convergence says. On 160
-steps along branches of cycles, what Newton's method left was then 1e-12 at most."""
-
 EPSILON = float(np.finfo(float).eps)
 """Distance from 1 to the next larger number."""
 
@@ -53,8 +48,7 @@ def newton(
 
     `correction` returns Newton's full step from an iterate, and the size of that step. `plus` adds
     a share of the step to the iterate; the share is below 1 if the size exceeds `longest`. The
-    iteration ends with a step whose size is at most `tolerance`, or after which quadratic
-    convergence leaves a small share of that. A step is slow if it is longer
+    iteration ends with a step whose size is at most `tolerance`. A step is slow if it is longer
     than half the one before; a slow step of at most `stagnation` ends the iteration, too, since it
     is due to rounding only. After `patience` slow steps in a row, one slow step of more than
     `hopeless`, a first step of more than `farthest`, or `iterations` steps in all, it fails.
@@ -79,9 +73,7 @@ def newton(
         slowly = step >= 0.5 * last
         if (slowly and step > hopeless) or (done == 0 and step > farthest):
             break
-        ratio = step / last
-        left = ratio * ratio * step if done and ratio <= QUADRATIC else math.inf
-        if step <= tolerance or left <= LEFT * tolerance or (slowly and step <= stagnation):
+        if step <= tolerance or (slowly and step <= stagnation):
             return moved
         slow = slow + 1 if slowly else 0
         if slow == patience:
