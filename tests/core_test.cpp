@@ -798,17 +798,18 @@ void check_completeness() {
     }
     const pipedyn::ChainDeterminant of(std::make_shared<const Chain>(chain),
                                        pipedyn::Complement(Matrix::Zero(n, 0)), pipedyn::Lapack{});
-    check(pipedyn::correct(of, u, roots), "eigenvalues are near the determinant's roots");
+    pipedyn::RootsMemory memory;
+    check(pipedyn::correct(of, u, roots, memory), "eigenvalues are near the determinant's roots");
     check(pipedyn::roots_in(roots) == 2 * n, "as many roots as the matrices have");
-    check(pipedyn::has_all(of, u, roots), "no root is missing");
+    check(pipedyn::has_all(of, u, roots, memory), "no root is missing");
     for (std::size_t k = 0; k < roots.size(); ++k) {
       pipedyn::Approximations wrong = roots;
       wrong[k].value *= 1.0 + 1e-4;
-      check(!pipedyn::has_all(of, u, wrong), "a root is off by 1e-4");
+      check(!pipedyn::has_all(of, u, wrong, memory), "a root is off by 1e-4");
       wrong[k].value = roots[k == 0 ? roots.size() - 1 : k - 1].value;
-      check(!pipedyn::has_all(of, u, wrong), "a root stands in place of another");
+      check(!pipedyn::has_all(of, u, wrong, memory), "a root stands in place of another");
       wrong.erase(wrong.begin() + static_cast<std::ptrdiff_t>(k));
-      check(!pipedyn::has_all(of, u, wrong), "a root is missing");
+      check(!pipedyn::has_all(of, u, wrong, memory), "a root is missing");
     }
   }
 }

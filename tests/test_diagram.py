@@ -14,6 +14,7 @@ from pipedyn.attraction.from_motion import last_period
 from pipedyn.attraction.records import Stretch
 from pipedyn.motion.sampling import turning_points
 from pipedyn.util.counters import count_work
+from pipedyn.util.newton import NewtonFailed
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
 SPEEDS = np.array([0.5, 1.0, 2.0, 3.0, 3.5, 5.0])
@@ -385,3 +386,25 @@ def test_batches_count_for_their_caller():
     with count_work() as counters:
         found = pp.simulate_many(TWO, np.linspace(3.0, 6.0, 70), 1.0, lambda s: 0.1 * s, samples=5)
     assert counters.right_hand_sides == sum(motion.evaluations for motion in found.motions)
+
+
+def test_a_motion_that_comes_back_in_one_state_only_is_near_no_cycle():
+    # Both motions come back to an earlier state; only the first repeats all states in between.
+    cycle = [lambda t: np.cos(9.0 * t) + 0.2 * np.cos(3.0 * t), lambda t: np.sin(9.0 * t)]
+    assert stretch(cycle, 40.0).last_change < 1e-6
+    t = np.linspace(0.0, 40.0, 4001)
+    walk = np.cumsum(np.random.default_rng(1).normal(0.0, 0.1, t.size))
+    x = np.cos(9.0 * t) + np.cos(9.0 * 2.0**0.5 * t + walk)
+    chance = Stretch(t, np.stack([x, np.gradient(x, t)], axis=1), x, np.gradient(x, t), 1e-6)
+    assert chance.recurrence[0] < 0.1
+    assert chance.last_change > 0.3
+    with pytest.raises(NewtonFailed, match="does not come back to an earlier state"):
+        last_period(chance, 0.1)
+    states, frequency = last_period(stretch(cycle, 40.0), 0.1)
+    phase = np.linspace(0.0, 2.0 * np.pi, 7)
+    t = phase / frequency
+    assert frequency == pytest.approx(3.0, rel=1e-6)
+    # Polynomials through eight samples miss a sine of 9 radians in a unit of time by 1e-13.
+    assert np.ptp(states(phase)[1] ** 2 + (states(phase)[3] / 9.0) ** 2) < 1e-11
+    assert states(phase[:1])[:, 0] == pytest.approx(states(phase[-1:])[:, 0], abs=1e-5)
+    assert t[-1] == pytest.approx(2.0 * np.pi / 3.0, rel=1e-6)

@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
+from pipedyn.motion.lyapunov import exponents_together
 
 CHAIN = pp.Chain(pp.Pipe(0.2), 3)
 
@@ -227,3 +228,22 @@ def test_exponents_of_several_motions_together_are_those_of_each_alone():
     alone = pp.lyapunov_exponent(model, early.speed, early.end, duration=100.0, transient=5.0)
     allowed = 3.0 * np.hypot(alone.spread, early.exponent.spread)  # it is large where it ends early
     assert early.exponent.value == pytest.approx(alone.value, abs=allowed)
+
+
+@pytest.mark.parametrize(("u", "chaotic"), [(6.0, False), (8.5, True)])
+def test_exponents_along_known_states_are_those_of_motions_that_are_integrated(u, chaotic):
+    model = pp.Chain(pp.Pipe(0.3), 3)
+    motion = pp.simulate(model, u, 150.0, lambda s: 0.1 * s, samples=15_001, rtol=1e-8)
+    states = np.concatenate([motion.q, motion.qdot], axis=1)[5000:]
+    options = {"duration": 80.0, "transient": 10.0}
+    [along] = exponents_together(model, [u], [states[::50]], interval=0.5, **options)
+    [own] = exponents_together(model, [u], [states[0]], **options)
+    assert along.chaotic == own.chaotic == chaotic
+    assert abs(along.value - own.value) < 3.0 * (along.spread + own.spread)
+    if not chaotic:  # the difference does not grow, and the last state is that of the record
+        assert along.value == pytest.approx(0.0, abs=3.0 * along.spread)
+        assert along.t.size == 160
+        assert np.array_equal(along.end, states[-1])
+    # Where few states are known, the transient is shortened first.
+    [short] = exponents_together(model, [u], [states[::50][:162]], interval=0.5, **options)
+    assert short.duration == pytest.approx(80.0) or short.chaotic

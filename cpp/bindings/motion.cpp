@@ -28,6 +28,13 @@ namespace {
 
 using FlowsAt = std::function<void(const Vector& t, const std::vector<Index>& which, Flows& flows)>;
 
+/// Writes the numbers of some of the members, in the memory that `out` has.
+template <class All>
+void pick(const All& all, const std::vector<Index>& which, Vector& out) {
+  out.resize(static_cast<Index>(which.size()));
+  for (Index j = 0; j < out.size(); ++j) out[j] = all[which[static_cast<std::size_t>(j)]];
+}
+
 /// A flow speed mean (1 + part cos(frequency t)) and a base at a cos(own t) - b sin(own t).
 /// numbers: (mean, part, frequency, own, *a, *b), with three components of a and of b.
 FlowsAt oscillating(const py::tuple& numbers) {
@@ -56,7 +63,7 @@ FlowsAt flows_at(const py::object& u) {
   if (py::isinstance<py::tuple>(u)) return oscillating(u);
   if (!PyCallable_Check(u.ptr())) {
     return [all = u.cast<Reals>()](const Vector&, const std::vector<Index>& which, Flows& flows) {
-      flows.u = all(which);
+      pick(all, which, flows.u);
     };
   }
   return [u](const Vector& t, const std::vector<Index>&, Flows& flows) {
@@ -91,7 +98,7 @@ Rates at_flows(FlowRates of, const py::object& u, const Vector& rtol,
           flows = Flows()](const Vector& t, const double* y, const std::vector<Index>& which,
                            double* rates) mutable {
     at(t, which, flows);
-    flows.errors = errors(which);
+    pick(errors, which, flows.errors);
     if (charts) flows.charts = charts->of(which);
     of(t, y, flows, rates);
   };
@@ -111,9 +118,9 @@ void or_nan(const Compute& compute, Index count, double* out) {
 
 /// Rates, `rows` numbers a state, by a member function of a compiled model, such as `rhs`.
 template <class Model, class Function>
-FlowRates function_rates(const Model& model, const Function& function, Index rows) {
+FlowRates function_rates(const Model& model, Function function, Index rows) {
   return [&model, function, rows](const Vector&, const double* y, const Flows& flows,
-                                  double* rates) {
+                                  double* rates) mutable {
     or_nan([&] { std::invoke(function, model, flows.of(y), rates); }, rows * flows.u.size(), rates);
   };
 }
@@ -252,8 +259,9 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
   };
   ImplicitRates made;
   const auto compiled = [&]<class Model>(const Model& model) {
-    const auto power = [](const Model& fed, const Batch& batch, double* out) {
-      Matrix parts(5, batch.members);
+    const auto power = [parts = Matrix()](const Model& fed, const Batch& batch,
+                                          double* out) mutable {
+      parts.resize(5, batch.members);
       fed.power(batch, parts.data());
       Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
     };

@@ -40,11 +40,13 @@ MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
 }
 
 /// Sums of the sizes of each function's amplitudes in all planes, (m, members) row-major, from
-/// states (rows, members).
-Vector bounds(const double* y, Index m, Index planes, Index members) {
-  const Eigen::Map<const Vector> first(y, m * members);
-  if (planes == 1) return first;
-  return first.cwiseAbs() + Eigen::Map<const Vector>(y + m * members, m * members).cwiseAbs();
+/// states (rows, members); with one plane the amplitudes themselves. They last until the next call.
+const double* bounds(const double* y, Index m, Index planes, Index members) {
+  if (planes == 1) return y;
+  static thread_local Vector sums;
+  sums = Eigen::Map<const Vector>(y, m * members).cwiseAbs() +
+         Eigen::Map<const Vector>(y + m * members, m * members).cwiseAbs();
+  return sums.data();
 }
 
 /// Calls a function of the kernel for blocks of members that need the same grid, one member alone
@@ -67,16 +69,16 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids, const
   grid_of.resize(static_cast<std::size_t>(members));
   chosen.resize(static_cast<std::size_t>(members));
   std::iota(chosen.begin(), chosen.end(), Index{0});
-  const Vector amplitudes = bounds(batch.y, grids.basis().size(), planes, members);
-  const auto of = [&](Index k) { return amplitudes.data() + k; };
+  const double* const amplitudes = bounds(batch.y, grids.basis().size(), planes, members);
+  const auto of = [&](Index k) { return amplitudes + k; };
   for (Index k = 0; k < members; ++k) {
     const double error = batch.errors == nullptr ? 0.0 : batch.errors[k];
     const Index needed = grids.choose(of(k), members, error);
     grid_of[static_cast<std::size_t>(k)] = std::min(needed + finer, grids.count() - 1);
   }
   const auto number = [](Index k) { return grid_of[static_cast<std::size_t>(k)]; };
-  std::stable_sort(chosen.begin(), chosen.end(),
-                   [&](Index a, Index b) { return number(a) > number(b); });
+  std::sort(chosen.begin(), chosen.end(),
+            [&](Index a, Index b) { return std::pair(number(b), a) < std::pair(number(a), b); });
   const Index driven = batch.drive != nullptr ? batch.drive_rows : 0;
   for (Index first = 0; first < members;) {
     const Index* const member = chosen.data() + first;  // spare lanes repeat the last member

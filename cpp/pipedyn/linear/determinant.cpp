@@ -58,8 +58,8 @@ void Determinant::log_derivatives(double u, const ValuesRef& at, const ValuesRef
   for (Index i = 0; i < count; ++i) found[i] = {out[i], out[count + i]};
 }
 
-Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
-                         bool loaded) const {
+void Determinant::pairs(double u, const ValuesRef& values, bool vectors, bool own, bool loaded,
+                        Pairs& found) const {
   const Index count = values.size(), n = vectors ? size() : 0;
   double *const parts = room((13 + 4 * n) * count), *const numbers = split(values, parts),
                 *const columns = numbers + 11 * count;
@@ -71,9 +71,12 @@ Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
   evaluate(Points{u, count, parts, parts + count},
            PairsAsked{part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
                       part(10), right, vectors ? left : nullptr, loaded});
-  Pairs found{values,        ComplexTable(n, count), ComplexTable(n, count),
-              Reals(count),  Reals(count),           Values(count),
-              Values(count), Values(count),          Values(count)};
+  found.values = values;
+  for (ComplexTable* const of : {&found.right, &found.left}) of->resize(n, count);
+  for (Reals* const of : {&found.residual, &found.uncertain}) of->resize(count);
+  for (Values* const of : {&found.slopes, &found.by_left, &found.by_right, &found.corrections}) {
+    of->resize(count);
+  }
   for (Index i = 0; i < count; ++i) {
     for (Index j = 0; j < n; ++j) {
       const double *const x = right + 2 * j * count + i, *const y = left + 2 * j * count + i;
@@ -107,7 +110,6 @@ Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
     found.by_right[i] = own ? number(6) / (length * length) : 0.0;
     found.corrections[i] = magnitude(value) > rounding ? -value / by_lambda : 0.0;
   }
-  return found;
 }
 
 Pencil Determinant::matrices(double stiffness_size) const {

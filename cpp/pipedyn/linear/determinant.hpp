@@ -52,9 +52,10 @@ class Determinant {
   }
   void log_derivatives(double u, const ValuesRef& at, const ValuesRef& known,
                        Eigen::Ref<Values> found) const;
-  /// Errors, slopes and corrections of roots from their vectors, and unit vectors if they are asked
-  /// for. own: whether by_right is needed; loaded: see `PairsAsked`.
-  Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const;
+  /// Writes errors, slopes and corrections of roots from their vectors to `found`, and unit vectors
+  /// if they are asked for. own: whether by_right is needed; loaded: see `PairsAsked`.
+  void pairs(double u, const ValuesRef& values, bool vectors, bool own, bool loaded,
+             Pairs& found) const;
   /// A sum of parts of P as a matrix in elastic coordinates, (dof, dof), and the norm of the
   /// numbers whose rounding it has.
   virtual std::pair<Matrix, double> matrix(const LinearPart& part) const = 0;

@@ -51,10 +51,10 @@ Index write_values(const Approximations& roots, Values& known) {
 }  // namespace
 
 Values log_derivatives(const Determinant& of, double u, const ValuesRef& at,
-                       const Approximations& roots) {
-  Values known(2 * roots.size());
-  const Index count = write_values(roots, known);
-  return of.log_derivatives(u, at, known.head(count));
+                       const Approximations& roots, RootsMemory& memory) {
+  memory.known.resize(2 * roots.size());
+  const Index count = write_values(roots, memory.known);
+  return of.log_derivatives(u, at, memory.known.head(count));
 }
 
 Index roots_in(const Approximations& all) {
@@ -63,15 +63,14 @@ Index roots_in(const Approximations& all) {
   return count;
 }
 
-void sort_by_size(Approximations& all) {
-  Values values(all.size());
-  for (std::size_t i = 0; i < all.size(); ++i) values[i] = all[i].value;
-  const std::vector<Index> order = by_size(values);
-  if (std::ranges::is_sorted(order)) return;
-  Approximations sorted;
-  sorted.reserve(all.size());
-  for (const Index i : order) sorted.push_back(all[i]);
-  all = std::move(sorted);
+void sort_by_size(Approximations& all, RootsMemory& memory) {
+  memory.at.resize(all.size());
+  for (std::size_t i = 0; i < all.size(); ++i) memory.at[i] = all[i].value;
+  memory.order = by_size(memory.at, std::move(memory.order));
+  if (std::ranges::is_sorted(memory.order)) return;
+  memory.roots.clear();
+  for (const Index i : memory.order) memory.roots.push_back(all[i]);
+  all.swap(memory.roots);
 }
 
 Approximations dense_roots(const DenseOperator& p, bool squared) {
@@ -90,7 +89,8 @@ Approximations dense_roots(const DenseOperator& p, bool squared) {
     }
     if (!roots.empty()) break;
   }
-  sort_by_size(roots);
+  RootsMemory memory;
+  sort_by_size(roots, memory);
   return roots;
 }
 
@@ -119,14 +119,15 @@ Approximations modal_roots(const DenseOperator& p, const Modes& modes, double lo
       roots.push_back({larger == 0.0 ? 0.0 : square / larger, true});
     }
   }
-  sort_by_size(roots);
+  RootsMemory memory;
+  sort_by_size(roots, memory);
   return roots;
 }
 
 Index roots_at_zero(const Determinant& of, double u) {
   if (!of.turns_freely()) return 0;
   const Values at = Values::Constant(1, beside_zero);
-  return std::lround((at * log_derivatives(of, u, at))[0].real());
+  return std::lround((at * of.log_derivatives(u, at, Values()))[0].real());
 }
 
 void put_zeros(Approximations& roots, Index count) {
@@ -149,7 +150,7 @@ void add_stiff(const Determinant& of, Index dof, double u, Approximations& roots
   for (int halving = 0; halving < 30 && stiff > 0; ++halving) {
     const Reals middle = 0.5 * (low + high);
     const Values at = std::polar(1.0, ray) * middle.exp().cast<Complex>();
-    const Reals below = (at * log_derivatives(of, u, at)).real();
+    const Reals below = (at * of.log_derivatives(u, at, Values())).real();
     low = (below < wanted).select(middle, low);
     high = (below < wanted).select(high, middle);
   }
@@ -209,10 +210,12 @@ std::size_t next_real(const Approximations& roots, std::size_t i) {
 
 }  // namespace
 
-Approximations expected(const Approximations& roots, double further, Complex delta, bool paired) {
-  Approximations result;
+void expected(const Approximations& roots, double further, Complex delta, bool paired,
+              Approximations& result, RootsMemory& memory) {
+  result.clear();
   result.reserve(roots.size() + 1);  // a pair that meets becomes two roots
-  std::vector<char> met(roots.size(), 0);
+  std::vector<char>& met = memory.marks;
+  met.assign(roots.size(), 0);
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const std::size_t k = roots[i].alone && paired ? next_real(roots, i) : i;
     Approximation other = roots[k];
@@ -243,20 +246,19 @@ Approximations expected(const Approximations& roots, double further, Complex del
     }
     result.push_back(one);
   }
-  return result;
 }
 
 namespace {
-
-using Starts = std::vector<std::pair<Complex, bool>>;  // values of roots, and whether `alone`
 
 /// Moves approximations near the real axis off their symmetry about it: a root that is corrected
 /// together with its conjugate never turns into two real ones, nor a real root into a complex one.
 /// which: indices of the roots that begin again from their starts; on return also of the conjugates
 /// that were added. Other roots go on as they are.
-void break_symmetry(const Starts& starts, Approximations& roots, std::vector<std::size_t>& which) {
+void break_symmetry(const Approximations& starts, Approximations& roots,
+                    std::vector<std::size_t>& which) {
   for (std::size_t i = 0, count = which.size(); i < count; ++i) {
-    const auto [value, alone] = starts[which[i]];
+    const Complex value = starts[which[i]].value;
+    const bool alone = starts[which[i]].alone;
     if (!alone && std::abs(value.imag()) >= near_axis * magnitude(value)) continue;
     const double shift = 1e-3 * static_cast<double>(i % 7 + 1);
     roots[which[i]] = {value * Complex(1.0 + shift, 3.0 * shift), true};
@@ -268,11 +270,13 @@ void break_symmetry(const Starts& starts, Approximations& roots, std::vector<std
 
 /// Corrects the active roots; on return the active ones are those that are not yet as good as
 /// rounding lets them be. Returns whether corrections are finite.
-bool correct_active(const Determinant& of, double u, Approximations& roots,
-                    std::vector<std::size_t>& active, int most) {
-  Values at(active.size()), found(active.size()), known(2 * roots.size());
-  std::vector<double> last(roots.size(), infinite);  // relative corrections
-  std::vector<char> shifted(roots.size(), 0);
+bool correct_active(const Determinant& of, double u, Approximations& roots, RootsMemory& memory,
+                    int most) {
+  auto& [at, found, known, last, shifted, active, every, order, starts] = memory;
+  for (Values* const one : {&at, &found}) one->resize(roots.size());
+  known.resize(2 * roots.size());
+  last.assign(roots.size(), infinite);
+  shifted.assign(roots.size(), 0);
   for (int step = 0; step < most && !active.empty(); ++step) {
     for (std::size_t i = 0; i < active.size(); ++i) at[i] = roots[active[i]].value;
     const Index count = write_values(roots, known);
@@ -305,23 +309,22 @@ bool correct_active(const Determinant& of, double u, Approximations& roots,
 
 }  // namespace
 
-bool correct(const Determinant& of, double u, Approximations& roots, int most) {
-  Starts starts;
-  starts.reserve(roots.size());
-  for (const Approximation& one : roots) starts.emplace_back(one.value, one.alone);
-  std::vector<std::size_t> active;
-  active.reserve(roots.size());
+bool correct(const Determinant& of, double u, Approximations& roots, RootsMemory& memory,
+             int most) {
+  std::vector<std::size_t>& active = memory.active;
+  memory.roots = roots;
+  active.clear();
   for (std::size_t k = 0; k < roots.size(); ++k) {
     if (!roots[k].settled) active.push_back(k);
   }
-  const std::vector<std::size_t> every = active;
-  if (!correct_active(of, u, roots, active, most)) active = every;
+  memory.every = active;
+  if (!correct_active(of, u, roots, memory, most)) active = memory.every;
   if (active.empty()) return true;
-  break_symmetry(starts, roots, active);
-  return correct_active(of, u, roots, active, 2 * most) && active.empty();
+  break_symmetry(memory.roots, roots, active);
+  return correct_active(of, u, roots, memory, 2 * most) && active.empty();
 }
 
-bool has_all(const Determinant& of, double u, const Approximations& roots) {
+bool has_all(const Determinant& of, double u, const Approximations& roots, RootsMemory& memory) {
   double least = infinite, most = 0.0;
   for (const Approximation& one : roots) {
     const double size = std::max(magnitude(one.value), 1e-3);
@@ -333,17 +336,18 @@ bool has_all(const Determinant& of, double u, const Approximations& roots) {
   const Values points =
       std::polar(1.0, ray) *
       Reals::LinSpaced(count, std::log(least), std::log(most)).exp().cast<Complex>();
-  return (points * log_derivatives(of, u, points, roots)).abs2().maxCoeff() <
+  return (points * log_derivatives(of, u, points, roots, memory)).abs2().maxCoeff() <
          nothing_missing * nothing_missing;
 }
 
-void separate(const Determinant& of, double u, bool squared, Approximations& roots) {
+void separate(const Determinant& of, double u, bool squared, Approximations& roots,
+              RootsMemory& memory) {
   // A pair that met on the axis may go on as one upper root and one lower root.
   const auto upper_of = [](const Approximation& pair) {
     return pair.value.imag() < 0.0 ? std::conj(pair.value) : pair.value;
   };
-  std::vector<std::size_t> order;
-  order.reserve(roots.size());
+  std::vector<std::size_t>& order = memory.active;
+  order.clear();
   for (std::size_t i = 0; i < roots.size(); ++i) {
     if (!roots[i].alone) order.push_back(i);
   }
@@ -366,7 +370,7 @@ void separate(const Determinant& of, double u, bool squared, Approximations& roo
         const double turn = 2.0 * std::numbers::pi * (static_cast<double>(k) + 0.5) / circle_points;
         arms[k] = std::polar(circle_radius * std::abs(centre), turn);
       }
-      const Values found = arms * log_derivatives(of, u, centre + arms, rest);
+      const Values found = arms * log_derivatives(of, u, centre + arms, rest, memory);
       if (!(std::abs(found.mean() - 2.0) < 1e-3)) continue;
       const Complex sum = (arms * found).mean(), squares = (arms.square() * found).mean();
       Complex middle = centre + 0.5 * sum, square = 2.0 * squares - sum * sum;

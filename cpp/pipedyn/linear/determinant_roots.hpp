@@ -31,16 +31,26 @@ struct Approximation {
 };
 using Approximations = std::vector<Approximation>;
 
+/// Memory that a search for roots uses at one speed after another.
+struct RootsMemory {
+  Values at, found, known;   // points, log-derivatives there, roots with their conjugates
+  std::vector<double> last;  // relative corrections
+  std::vector<char> marks;   // of roots
+  std::vector<std::size_t> active, every;
+  std::vector<Index> order;
+  Approximations roots;
+};
+
 /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over all roots and their implied
 /// conjugates, without roots at lambda itself.
 Values log_derivatives(const Determinant& of, double u, const ValuesRef& at,
-                       const Approximations& roots = {});
+                       const Approximations& roots, RootsMemory& memory);
 
 /// Number of roots, including the conjugates that are implied.
 Index roots_in(const Approximations& all);
 
 /// Sorts roots in the order of `by_size`.
-void sort_by_size(Approximations& all);
+void sort_by_size(Approximations& all, RootsMemory& memory);
 
 /// Roots of P by LAPACK; where roots come in conjugate pairs, the upper root of each.
 Approximations dense_roots(const DenseOperator& p, bool squared);
@@ -70,21 +80,25 @@ std::vector<Index> join_conjugates(Approximations& roots, const Values& values);
 /// where slopes are rounding, stay as they were. Where roots come in conjugate pairs (`paired`),
 /// two that meet on the real axis before that speed are extrapolated together; neither of them
 /// implies a conjugate.
-Approximations expected(const Approximations& roots, double further, Complex delta, bool paired);
+/// They are written to `result`.
+void expected(const Approximations& roots, double further, Complex delta, bool paired,
+              Approximations& result, RootsMemory& memory);
 
 /// Corrects all roots by the method of Ehrlich and Aberth until each is as good as rounding lets it
 /// be. Roots that are not after `most` corrections get twice as many more; of these, roots near the
 /// real axis begin again beside it, as symmetry may have held them there. Returns whether all roots
 /// are good then.
-bool correct(const Determinant& of, double u, Approximations& roots, int most = most_corrections);
+bool correct(const Determinant& of, double u, Approximations& roots, RootsMemory& memory,
+             int most = most_corrections);
 
 /// Whether no root is missing, and none in the place of another: then the log-derivative less the
 /// sum over all roots vanishes. It is tested at points between the least |lambda| and the greatest.
-bool has_all(const Determinant& of, double u, const Approximations& roots);
+bool has_all(const Determinant& of, double u, const Approximations& roots, RootsMemory& memory);
 
 /// Improves two oscillating roots that are about to meet. Each of them scatters by the square root
 /// of rounding, but their sum and the sum of their squares do not: these are moments of d log det
 /// P / dlambda on a circle about both.
-void separate(const Determinant& of, double u, bool squared, Approximations& roots);
+void separate(const Determinant& of, double u, bool squared, Approximations& roots,
+              RootsMemory& memory);
 
 }  // namespace pipedyn

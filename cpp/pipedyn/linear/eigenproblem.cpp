@@ -76,10 +76,10 @@ double largest_residual_of(const Pairs& pairs) {
 
 /// P x and (dP/dlambda) x of one vector, and the sum of the sizes of the terms of P x.
 struct Row {
-  ComplexVector rest, rate;
-  double size;
+  ComplexVector rest = {}, rate = {};
+  double size = 0.0;
 
-  Row(const Products& products, Index i, Complex value, double stiffness_size) {
+  void set(const Products& products, Index i, Complex value, double stiffness_size) {
     const auto& [mass, velocity, stiffness] = products;
     rate = value * mass.col(i) + velocity.col(i);
     rest = value * rate + stiffness.col(i);
@@ -94,6 +94,7 @@ struct Row {
 Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
   const ComplexVector seed = Eigen::VectorXd::LinSpaced(p.dof, 1.0, 0.5).cast<Complex>();
   Pair last{guess.value, guess.right.size() == 0 ? seed : guess.right, seed}, best = last;
+  Row row;
   for (int step = 0; step < most_refinements; ++step) {
     const Solver solve = p.factor(last.value);
     ++steps;
@@ -102,12 +103,12 @@ Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
     for (ComplexVector* const x : {&last.right, &last.left}) *x /= x->norm();
     if (!last.right.allFinite() || !last.left.allFinite()) break;
     const Products products = p.multiply(last.right);
-    const Row row(products, 0, last.value, p.size);
+    row.set(products, 0, last.value, p.size);
     const Complex correction = -last.left.dot(row.rest) / last.left.dot(row.rate);
     if (!is_finite(correction)) break;
     last.value += correction;
-    const Row moved(products, 0, last.value, p.size);
-    last.residual = moved.rest.norm() / moved.size;
+    row.set(products, 0, last.value, p.size);
+    last.residual = row.rest.norm() / row.size;
     if (!(last.residual < best.residual)) break;
     best = last;
     if (std::abs(correction) <= 4e-16 * std::abs(last.value)) break;
@@ -180,17 +181,14 @@ constexpr Reals Pairs::* reals[] = {&Pairs::residual, &Pairs::uncertain, &Pairs:
 
 }  // namespace
 
-std::vector<Index> by_size(const Values& values) {
-  std::vector<double> sizes(values.size());
-  std::vector<Index> order(values.size());
-  for (Index i = 0; i < values.size(); ++i) {
-    order[i] = i;
-    sizes[i] = is_finite(values[i]) ? std::norm(values[i]) : infinite;
-  }
-  const auto size = [&](Index i) { return sizes[i]; };
+std::vector<Index> by_size(const ValuesRef& values, std::vector<Index> order) {
+  order.resize(values.size());
+  std::iota(order.begin(), order.end(), Index{0});
+  const auto size = [&](Index i) { return is_finite(values[i]) ? std::norm(values[i]) : infinite; };
   const auto sort = [](auto first, auto last, const auto& place) {  // mostly already sorted
     if (std::ranges::is_sorted(first, last, {}, place)) return;
-    std::ranges::stable_sort(first, last, {}, place);
+    std::sort(first, last,
+              [&](Index i, Index k) { return std::tuple(place(i), i) < std::tuple(place(k), k); });
   };
   sort(order.begin(), order.end(), size);
   // Opposite real roots and conjugate ones have one magnitude except for rounding.
@@ -354,9 +352,10 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
     pairs.uncertain.resize(count);
     for (Values* const one : {&pairs.slopes, &pairs.by_left, &pairs.by_right}) one->resize(count);
   }
+  Row row;
   for (Index i = 0; i < count; ++i) {
     const Complex value = pairs.values[i];
-    const Row row(products, i, value, p.size);
+    row.set(products, i, value, p.size);
     if (!given) pairs.residual[i] = row.rest.norm() / row.size;
     if (!lefts) continue;
     const auto y = pairs.left.col(i);

@@ -132,8 +132,8 @@ struct Pairs {
 };
 
 /// Indices of values in the order of |lambda|, with the upper of two conjugates first; values that
-/// are not numbers come last.
-std::vector<Index> by_size(const Values& values);
+/// are not numbers come last. They are written to the memory of `order`.
+std::vector<Index> by_size(const ValuesRef& values, std::vector<Index> order = {});
 
 /// The lowest roots at one speed, sorted by |lambda|, with the upper of two conjugates first.
 /// lambda is finite, and slopes are 0 where none exist.

@@ -48,42 +48,6 @@ constexpr Index division = 8;
 /// 80 take as long, measured from 1,000 to 100,000 segments.
 constexpr Index refinement = 20;
 
-/// The `count` lowest of the given roots and of the conjugates that they imply, sorted. None if
-/// roots are paired and one of these is complex without a conjugate.
-std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& roots, Index count,
-                                     bool paired) {
-  std::vector<Complex> values;
-  std::vector<Index> from;
-  values.reserve(2 * found.size());
-  from.reserve(2 * found.size());
-  for (Index i = 0; i < found.size(); ++i) {
-    const Complex value(found.values[i].real() + 0.0, found.values[i].imag() + 0.0);  // -0 is 0
-    values.push_back(value);
-    from.push_back(i);
-    if (roots[i].alone || value.imag() == 0.0) continue;
-    values.push_back(std::conj(value));
-    from.push_back(i);
-  }
-  std::vector<Index> order = by_size(Eigen::Map<const Values>(values.data(), values.size())), which;
-  if (static_cast<Index>(order.size()) < count) return std::nullopt;
-  order.resize(count);
-  which.reserve(count);
-  for (const Index i : order) which.push_back(from[i]);
-  Pairs result = found.take(which);
-  for (Index k = 0; k < count; ++k) {
-    const Complex value = values[order[k]];
-    if (paired && roots[which[k]].alone && value.imag() != 0.0) return std::nullopt;
-    if (value.imag() == std::exchange(result.values[k], value).imag()) continue;
-    for (Values* const of : {&result.slopes, &result.by_left, &result.by_right}) {
-      (*of)[k] = std::conj((*of)[k]);
-    }
-    for (ComplexTable* const of : {&result.right, &result.left}) {
-      of->col(k) = of->col(k).conjugate();
-    }
-  }
-  return result;
-}
-
 }  // namespace
 
 Structured::Structured(const Traits& traits, std::shared_ptr<const Determinant> of,
@@ -97,9 +61,15 @@ Structured::Structured(const Traits& traits, std::shared_ptr<const Determinant> 
       zeros_at_rest_(pipedyn::roots_at_zero(*of_, 0.0)),
       zeros_in_flow_(pipedyn::roots_at_zero(*of_, shifts[0])) {}
 
-Pairs Structured::at(double u, const Values& values, bool vectors) const {
+Pairs Structured::at(double u, const ValuesRef& values, bool vectors) const {
+  Pairs found;
+  at(u, values, vectors, found);
+  return found;
+}
+
+void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& found) const {
   const bool own = vectors || traits.conservative;  // else nothing reads by_right
-  Pairs found = of_->pairs(u, values, vectors, own, false);
+  of_->pairs(u, values, vectors, own, false, found);
   // A pivot may be 0 at a root: vectors are then computed this far beside it, and are off as much.
   for (const double aside : {0.0, 1e-12}) {
     std::vector<Index> poor;
@@ -114,22 +84,25 @@ Pairs Structured::at(double u, const Values& values, bool vectors) const {
     for (std::size_t k = 0; k < poor.size(); ++k) {
       again[k] = values[poor[k]] + aside * (1.0 + std::abs(values[poor[k]]));
     }
-    const Pairs other = of_->pairs(u, again, vectors, own, true);
+    Pairs other;
+    of_->pairs(u, again, vectors, own, true, other);
     for (std::size_t k = 0; k < poor.size(); ++k) {
       const Index i = poor[k];
       if (values[i] == 0.0 || other.residual[k] < found.residual[i]) found.put(i, other, k);
     }
   }
   found.values = values;
-  return found;
 }
 
 /// Pairs of the given roots, corrected by their vectors as far as these allow.
-Pairs Structured::refined_roots(double u, const Approximations& roots, bool vectors) const {
-  Values values(roots.size());
+Pairs& Structured::refined_roots(double u, const Approximations& roots, bool vectors) const {
+  Pairs &found = memory_.refined, &better = memory_.again;
+  Values& values = memory_.values;
+  std::vector<Index>& moved = memory_.some;
+  values.resize(roots.size());
+  moved.resize(roots.size());
   for (std::size_t i = 0; i < roots.size(); ++i) values[i] = roots[i].value;
-  Pairs found = at(u, values, vectors);
-  std::vector<Index> moved(roots.size());
+  at(u, values, vectors, found);
   std::iota(moved.begin(), moved.end(), 0);
   for (int times = 0; times < 3; ++times) {
     std::erase_if(moved, [&](Index i) {
@@ -137,8 +110,12 @@ Pairs Structured::refined_roots(double u, const Approximations& roots, bool vect
       return roots[i].settled || !(size < 1e-9 * magnitude(values[i])) || size == 0.0;
     });
     if (moved.empty()) break;
-    values(moved) += found.corrections(moved);
-    const Pairs better = at(u, values(moved), vectors);
+    Values& next = memory_.at;
+    next.resize(moved.size());
+    for (std::size_t k = 0; k < moved.size(); ++k) {
+      next[k] = values[moved[k]] += found.corrections[moved[k]];
+    }
+    at(u, next, vectors, better);
     for (std::size_t k = 0; k < moved.size(); ++k) found.put(moved[k], better, k);
   }
   for (std::size_t i = 0; i < roots.size(); ++i) {
@@ -177,7 +154,7 @@ bool Structured::has_lowest(double u, const Approximations& roots, std::size_t l
     for (Index i = 0; i < points.size(); ++i) {
       points[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(arc));
     }
-    const Values rest = points * pipedyn::log_derivatives(*of_, u, points, roots);
+    const Values rest = points * pipedyn::log_derivatives(*of_, u, points, roots, memory_);
     if (std::abs(rest.mean().real()) < 0.05) return true;
   }
   return false;
@@ -185,33 +162,70 @@ bool Structured::has_lowest(double u, const Approximations& roots, std::size_t l
 
 std::optional<Pairs> Structured::from(Approximations roots, double u, Index count, bool vectors,
                                       int most) {
-  if (!correct(*of_, u, roots, most)) return std::nullopt;
-  separate(*of_, u, is_squared(u), roots);
-  sort_by_size(roots);
+  if (!correct(*of_, u, roots, memory_, most)) return std::nullopt;
+  separate(*of_, u, is_squared(u), roots, memory_);
+  sort_by_size(roots, memory_);
   std::size_t next = 0;
   for (Index number = 0; number < count; ++next) {
     if (next == roots.size()) return std::nullopt;
     number += roots[next].alone ? 1 : 2;
   }
   const bool every = roots_in(roots) >= 2 * traits.dof;
-  if (!(every ? has_all(*of_, u, roots) : has_lowest(u, roots, next))) return std::nullopt;
-  Pairs all = refined_roots(u, roots, vectors);
+  if (!(every ? has_all(*of_, u, roots, memory_) : has_lowest(u, roots, next))) {
+    return std::nullopt;
+  }
+  Pairs& all = refined_roots(u, roots, vectors);
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const Complex slope = all.slopes[i];
     roots[i].settled = roots[i].value == 0.0;
     roots[i].slope = roots[i].settled || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
   }
-  all.corrections.resize(0);  // nothing reads them beyond
-  const bool paired = !traits.is_hysteretic();
-  if (paired) {
+  if (!traits.is_hysteretic()) {
     const std::vector<Index> left = join_conjugates(roots, all.values);
     if (static_cast<Index>(left.size()) < all.size()) all = all.take(left);
   }
-  auto found = with_conjugates(all, roots, count, paired);
+  auto found = with_conjugates(all, roots, count);
   if (!found) return found;
+  found->corrections.resize(0);  // nothing reads them beyond
   if (known_.size() == most_known) known_.erase(known_.begin());
   known_.push_back({u, std::move(roots), most_near});
   return found;
+}
+
+/// The `count` lowest of the given roots and of the conjugates that they imply, sorted. None if
+/// roots are paired and one of these is complex without a conjugate.
+std::optional<Pairs> Structured::with_conjugates(const Pairs& found, const Approximations& roots,
+                                                 Index count) const {
+  const bool paired = !traits.is_hysteretic();
+  std::vector<Complex>& values = memory_.both;
+  std::vector<Index>&order = memory_.order, &which = memory_.some, &from = memory_.from;
+  for (auto* const one : {&from, &which}) one->clear();
+  values.clear();
+  for (Index i = 0; i < found.size(); ++i) {
+    const Complex value(found.values[i].real() + 0.0, found.values[i].imag() + 0.0);  // -0 is 0
+    values.push_back(value);
+    from.push_back(i);
+    if (roots[i].alone || value.imag() == 0.0) continue;
+    values.push_back(std::conj(value));
+    from.push_back(i);
+  }
+  order = by_size(Eigen::Map<const Values>(values.data(), values.size()), std::move(order));
+  if (static_cast<Index>(order.size()) < count) return std::nullopt;
+  order.resize(count);
+  for (const Index i : order) which.push_back(from[i]);
+  Pairs result = found.take(which);
+  for (Index k = 0; k < count; ++k) {
+    const Complex value = values[order[k]];
+    if (paired && roots[which[k]].alone && value.imag() != 0.0) return std::nullopt;
+    if (value.imag() == std::exchange(result.values[k], value).imag()) continue;
+    for (Values* const of : {&result.slopes, &result.by_left, &result.by_right}) {
+      (*of)[k] = std::conj((*of)[k]);
+    }
+    for (ComplexTable* const of : {&result.right, &result.left}) {
+      of->col(k) = of->col(k).conjugate();
+    }
+  }
+  return result;
 }
 
 Approximations Structured::starts_of(const DenseOperator& p, double u,
@@ -230,8 +244,9 @@ std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors)
   const auto is_zero = [](const Approximation& one) { return one.settled; };
   if (near == nullptr || roots_in(near->roots) < count) return {};
   if (std::ranges::count_if(near->roots, is_zero) != roots_at_zero(u)) return {};
-  return from(expected(near->roots, u - near->u, traits.cluster(), !traits.is_hysteretic()), u,
-              count, vectors, near->most);
+  Approximations starts;
+  expected(near->roots, u - near->u, traits.cluster(), !traits.is_hysteretic(), starts, memory_);
+  return from(std::move(starts), u, count, vectors, near->most);
 }
 
 std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
@@ -271,7 +286,7 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
       add_stiff(*of_, traits.dof, u, starts);
     } else if (!own) {
       for (Index finer = refinement * size; refinement * finer < 2 * n; finer *= refinement) {
-        correct(*of_->coarser(finer), u, starts);
+        correct(*of_->coarser(finer), u, starts, memory_);
       }
     }
     if (auto found = from(starts, u, count, vectors, most_corrections)) return found;
@@ -370,7 +385,7 @@ Pair Structured::refined(double u, const Pair& guess, bool vectors) {
     value[0] -= change;
     if (std::abs(change) <= 1e-8 * std::abs(value[0])) break;  // convergence is quadratic
   }
-  Pairs found = refined_roots(u, {{value[0], false}}, vectors);
+  Pairs& found = refined_roots(u, {{value[0], false}}, vectors);
   // Where the flow does hardly any work on a mode, as on one whose tip is held by a mass, its
   // energy balance gives a more accurate growth. It takes O(n^2), so it is used only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
@@ -535,7 +550,8 @@ Divergence Structured::divergence_at(double u) const {
     const Reals off = (beside - static_determinants(beside).slope.real().inverse() - u).abs();
     return {u, off.isNaN().select(0.0, off).maxCoeff() + tolerance};
   }
-  Pairs found = of_->pairs(u, Values::Zero(1), true, false, false);
+  Pairs found;
+  of_->pairs(u, Values::Zero(1), true, false, false, found);
   // Where two guides form a clamp, nothing beyond it moves with a vector that starts at the first
   // one.
   if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);

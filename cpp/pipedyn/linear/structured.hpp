@@ -65,12 +65,24 @@ class Structured : public Eigenproblem {
   };
   std::vector<Known> known_;  // roots of the last samples
 
+  /// Memory that samples use one after the other.
+  struct Memory : RootsMemory {
+    Pairs refined, again;  // all roots, and those that are computed once more
+    Values values;
+    std::vector<Complex> both;  // roots and the conjugates that they imply
+    std::vector<Index> some, from;
+  };
+  mutable Memory memory_;
+
   const Known* nearest_known(double u) const;
 
   std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
                             int most_corrections);
-  Pairs at(double u, const Values& values, bool vectors) const;
-  Pairs refined_roots(double u, const Approximations& roots, bool vectors) const;
+  std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& roots,
+                                       Index count) const;
+  Pairs at(double u, const ValuesRef& values, bool vectors) const;
+  void at(double u, const ValuesRef& values, bool vectors, Pairs& found) const;
+  Pairs& refined_roots(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   /// Approximate roots of an operator at a speed, from its undamped modes if these are known.
   Approximations starts_of(const DenseOperator& p, double u,

@@ -43,11 +43,12 @@ void SceneSystems::factorise(const double* mu) {
   chain_.factorise(one, mu, factors_.data());
   mu_re_ = Eigen::Map<const Parts>(mu);
   mu_im_ = Eigen::Map<const Parts>(mu + shifts);
-  responses_.assign(static_cast<std::size_t>(size), Matrix::Zero(state_.size(), 2 * shifts));
+  responses_.resize(static_cast<std::size_t>(size));
   systems_.resize(size * size, 2 * shifts);
   pivots_.resize(static_cast<std::size_t>(shifts * size));
   for (Index z = 0; z < size; ++z) {
     Matrix& response = responses_[static_cast<std::size_t>(z)];
+    response.setZero(state_.size(), 2 * shifts);
     response.bottomLeftCorner(chain_.dof(), shifts).colwise() = about_.x.col(z);
     chain_.solve(factors_.data(), response.data());
     const Shifted column = shifted_rows(response.data());

@@ -109,9 +109,9 @@ class LinearisedOrbit {
   Matrix restored(const Matrix& ends, const Matrix& loads) const;
 
   /// The change z of the unknowns for which the linearised equations have `share` of their residual
-  /// as load, phase . z = shift and row . z = gap. Empty if it is not unique. If a pipe in space may
-  /// be turned about its axis, turn (n,) is the change of the first state by that, in these units
-  /// and of length 1; the first state then changes normal to it. It is empty otherwise.
+  /// as load, phase . z = shift and row . z = gap. Empty if it is not unique. If a pipe in space
+  /// may be turned about its axis, turn (n,) is the change of the first state by that, in these
+  /// units and of length 1; the first state then changes normal to it. It is empty otherwise.
   std::optional<Vector> change(const Vector& phase, double shift, const Vector& row, double gap,
                                double share, const Vector& turn) const;
 

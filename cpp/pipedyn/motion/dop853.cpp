@@ -47,7 +47,7 @@ Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, doub
       rate_(stages + 1, y_),
       tried_(Vector::Zero(members)),
       zero_(Vector::Zero(y_.size())),
-      dense_{{}, {}, {}, Stages(stages + 4), Stages(7)} {
+      dense_{{}, {}, {}, {}, {}, Stages(stages + 4), Stages(7)} {
   change_charts();
   evaluate(y_, rate_[0], 0.0);
   choose_first_steps();
@@ -193,7 +193,9 @@ void Dop853::control(Index j, double end) {
 /// Records accepted steps that contain a sample; dense output is computed for their columns alone.
 void Dop853::interpolate() {
   const Index m = active();
-  std::vector<Index> columns, which;
+  auto& [columns, which, from, steps, stage, rate, terms] = dense_;
+  columns.clear();
+  which.clear();
   for (Index j = 0; j < m; ++j) {
     if (!accepted_[j] || !is_asked_for(members_[which_[j]])) continue;
     columns.push_back(j);
@@ -201,25 +203,29 @@ void Dop853::interpolate() {
   }
   if (columns.empty()) return;
   const Index c = static_cast<Index>(columns.size());
-  Dense& of = dense_;
-  of.from = y_(Eigen::all, columns);
-  of.steps = steps_(Eigen::all, columns);
-  for (Index s = 0; s <= stages; ++s) of.rate[s] = rate_[s](Eigen::all, columns);
+  const auto take = [&](const Matrix& every, Matrix& some) {  // Eigen would copy the indices
+    some.resize(rows_, c);
+    for (Index j = 0; j < c; ++j) some.col(j) = every.col(columns[static_cast<std::size_t>(j)]);
+  };
+  take(y_, from);
+  take(steps_, steps);
+  for (Index s = 0; s <= stages; ++s) take(rate_[s], rate[s]);
   t_.resize(c);
   for (Index s = stages + 1; s < stages + 4; ++s) {
-    combine(of.rate, dop853::weights[s - 1], s, of.from.data(), of.steps, of.stage);
+    combine(rate, dop853::weights[s - 1], s, from.data(), steps, stage);
     for (Index j = 0; j < c; ++j) {
-      t_[j] = members_[which[j]].time - (1.0 - share(s)) * of.steps(0, j);
+      t_[j] = members_[which[j]].time - (1.0 - share(s)) * steps(0, j);
     }
-    of.rate[s].resizeLike(of.stage);
-    rates_(t_, of.stage.data(), which, of.rate[s].data());
+    rate[s].resizeLike(stage);
+    rates_(t_, stage.data(), which, rate[s].data());
   }
   for (const Index w : which) members_[w].evaluations += 3;
-  of.terms[0] = next_(Eigen::all, columns) - of.from;
-  of.terms[1] = of.steps.cwiseProduct(of.rate[0]) - of.terms[0];
-  of.terms[2] = of.terms[0] - of.terms[1] - of.steps.cwiseProduct(of.rate[stages]);
+  take(next_, terms[0]);
+  terms[0] -= from;
+  terms[1] = steps.cwiseProduct(rate[0]) - terms[0];
+  terms[2] = terms[0] - terms[1] - steps.cwiseProduct(rate[stages]);
   for (Index t = 0; t < 4; ++t) {
-    combine(of.rate, dop853::dense_weights[t], stages + 4, zero_.data(), of.steps, of.terms[3 + t]);
+    combine(rate, dop853::dense_weights[t], stages + 4, zero_.data(), steps, terms[3 + t]);
   }
   for (Index j = 0; j < c; ++j) {
     // from + x (terms_0 + (1 - x) (terms_1 + x (terms_2 + ...)))
@@ -228,17 +234,17 @@ void Dop853::interpolate() {
     for (Index i = 0; i < rows_; ++i) {
       double of_row[8] = {};
       for (Index t = 6; t >= 0; --t) {
-        of_row[0] += of.terms[t](i, j);
+        of_row[0] += terms[t](i, j);
         for (Index e = 7 - t; e > 0; --e) {
           of_row[e] = t % 2 == 0 ? of_row[e - 1] : of_row[e] - of_row[e - 1];
         }
         if (t % 2 == 0) of_row[0] = 0.0;
       }
       for (Index e = 1; e < 8; ++e) p(e, i) = of_row[e];
-      p(0, i) = of.from(i, j);
+      p(0, i) = from(i, j);
     }
     step_.to = members_[which[j]].time;
-    step_.from = step_.to - of.steps(0, j);
+    step_.from = step_.to - steps(0, j);
     record(which[j], step_);
   }
 }

@@ -46,7 +46,8 @@ class Dop853 final : public Integrator {
   std::vector<char> accepted_;
   Vector zero_;  // as large as the largest matrix
 
-  struct Dense {  // dense output of the columns that are interpolated
+  struct Dense {                        // dense output of the columns that are interpolated
+    std::vector<Index> columns, which;  // of y_, and their members
     Matrix from, steps, stage;
     Stages rate, terms;
   };

@@ -45,11 +45,6 @@ void combine_rows(const double* in, const Table& matrix, Index rows, double* out
   motion_kernel().mix_stages(in, matrix[0], nullptr, nullptr, rows, out);
 }
 
-/// Times of the stages of a step.
-Vector times(double from, double h) {
-  return from + h * Eigen::Map<const Vector>(radau::nodes, radau::stages).array();
-}
-
 }  // namespace
 
 // ------------------------------------------------------------------------------------ systems
@@ -89,9 +84,15 @@ Radau::Radau(ImplicitRates rates, Index rows, Index members, const double* start
       x_(of_.solved, lanes),
       between_(rows, radau::stages) {}
 
+/// Sets the times of the stages of a step.
+void Radau::set_times(double from, double h) {
+  stage_times_ = from + h * Eigen::Map<const Vector>(radau::nodes, radau::stages).array();
+}
+
 /// Begins at the state of a member, with a first step size estimated from its rates.
 void Radau::begin(Index which) {
   current_ = which;
+  same_.assign(radau::stages, which);
   y_ = states_.col(which);
   choose_charts(which, y_);
   set_start_rates(which);
@@ -127,15 +128,13 @@ void Radau::predict(double h) {
     z_.setZero();
     w_.setZero();
   } else {
-    Table beyond{};
+    Table powers, beyond;
     for (Index i = 0; i < radau::stages; ++i) {
       const double x = 1.0 + radau::nodes[i] * ratio;
-      for (Index k = 0; k < radau::stages; ++k) {
-        double weight = 0.0;
-        for (Index p = radau::stages - 1; p >= 0; --p) weight = x * (radau::powers[k][p] + weight);
-        beyond[k][i] = weight - (k == radau::stages - 1 ? 1.0 : 0.0);
-      }
+      for (Index p = 0; p < radau::stages; ++p) powers[p][i] = x * (p > 0 ? powers[p - 1][i] : 1.0);
     }
+    combine_rows(radau::powers[0], powers, radau::stages, beyond[0]);
+    for (double& weight : beyond[radau::stages - 1]) weight -= 1.0;
     combine_rows(before_.data(), beyond, n, z_.data());
     combine_rows(z_.data(), radau::to_systems, n, w_.data());
   }
@@ -146,8 +145,7 @@ void Radau::predict(double h) {
 /// Solves for the stages of a step by Newton's method, and returns whether it converged.
 bool Radau::solve(Index which, double h, Index& evaluations) {
   const Index n = of_.solved;
-  const std::vector<Index> all(radau::stages, which);
-  const Vector t = times(members_[which].time, h);
+  set_times(members_[which].time, h);
   double mu[lanes];
   for (Index i = 0; i < lanes; ++i) mu[i] = radau::shifts[i] / h;
   const double floor = 10.0 * std::numeric_limits<double>::epsilon() / limits_.relative[current_];
@@ -161,10 +159,10 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
       members_[which].progress = Progress::spent;
       return false;
     }
-    of_.rates(t, at_.data(), all, rates_at_.data());
+    of_.rates(stage_times_, at_.data(), same_, rates_at_.data());
     if (iterations_ == 1) {
       if (!fresh_ && contraction_ > kept_contraction) {
-        of_.systems->linearise(t[expanded], Vector(at_.col(expanded)).data(), which);
+        of_.systems->linearise(stage_times_[expanded], Vector(at_.col(expanded)).data(), which);
         fresh_ = true;
         factored_h_ = 0.0;
       }
@@ -311,8 +309,8 @@ double Radau::unseen(Index which, double h, Index& evaluations) {
   for (const Between& at : all) {
     go_between(at);
     combine_rows(z_.data(), at.slopes, n, x_.data());
-    of_.rates(members_[which].time + h * at.shares.array(), between_.data(),
-              std::vector<Index>(radau::stages, which), rates_at_.data());
+    of_.rates(members_[which].time + h * at.shares.array(), between_.data(), same_,
+              rates_at_.data());
     const Matrix missed = rates_at_.topRows(n) - x_ / h;
     const double change = largest(h * missed * at.gaps.asDiagonal());
     if (!(change > 1.0)) continue;
@@ -397,16 +395,18 @@ void Radau::accept(Index which, double h) {
   const Index n = of_.solved, more = rows_ - n;
   const double from = members_[which].time - h;
   if (more > 0) {
-    of_.others(times(from, h), at_.data(), std::vector<Index>(radau::stages, which),
-               rates_at_.row(n).data());
+    set_times(from, h);
+    of_.others(stage_times_, at_.data(), same_, rates_at_.row(n).data());
     combine_rows(rates_at_.row(n).data(), radau::integrals, more, z_.row(n).data());
     z_.bottomRows(more) *= h;
   }
   if (is_asked_for(members_[which])) {
     combine_rows(z_.data(), radau::powers, rows_, rates_at_.data());
-    Interpolant step{from, members_[which].time, Matrix(1 + radau::stages, rows_)};
-    step.coefficients << y_.transpose(), rates_at_.transpose();
-    record(which, step);
+    step_.from = from;
+    step_.to = members_[which].time;
+    step_.coefficients.resize(1 + radau::stages, rows_);
+    step_.coefficients << y_.transpose(), rates_at_.transpose();
+    record(which, step_);
   }
   start_rates_.swap(end_rates_);
   y_ += z_.col(radau::stages - 1);

@@ -112,6 +112,7 @@ class Radau final : public Integrator {
  private:
   void begin(Index which);
   void set_start_rates(Index which);
+  void set_times(double from, double h);
   void allow();
   void predict(double h);
   bool solve(Index which, double h, Index& evaluations);
@@ -129,6 +130,9 @@ class Radau final : public Integrator {
   // The member that is advancing:
   Vector y_, allowed_, predicted_;  // predicted_: predicted change over the step
   Vector start_rates_, end_rates_;  // rates at y_ and at the end of the step
+  std::vector<Index> same_;         // the member, once for each stage
+  Vector stage_times_;              // of the stages
+  Interpolant step_;
   Matrix z_, before_, w_;     // (rows, 8): stages, stages of the last step, unknowns of the systems
   Matrix at_, rates_at_, x_;  // states at the stages, their rates, right-hand sides or solutions
   Matrix between_;            // states between the stages

@@ -105,6 +105,10 @@ by then."""
 RECORD_FACTOR = 5.0
 """Time over which an irregular motion is recorded, in durations: some hundred cycles or more."""
 
+SETTLING = 10.0
+"""Time in which the difference of neighbours turns to the direction of fastest growth, before an
+exponent is measured: along the record of a motion, unless that is too short."""
+
 RECORD_EXTENSIONS = 1.0, 2.0, 4.0
 """Factors of the usual time for which a motion is recorded and its exponent measured, one after the
 other, until the exponent or averages over the record show what the motion is."""
@@ -542,14 +546,22 @@ class _Engine:
         exponents: dict[_Run, LyapunovExponent | MotionStopped] = {}
         irregular = [run for run in runs if not run.comes_nearer]
         if self.options.exponents and irregular:
-            drive = irregular[0].case.drive
+            drive, t = irregular[0].case.drive, irregular[0].record.t
+            every, duration = (
+                round(drive.whole(0.5) / float(t[1])),
+                2.0 * times * self.options.duration,
+            )
+            long = float(t[-1]) >= SETTLING + duration
             measured = exponents_together(
                 self.model,
                 [run.case.drive.u for run in irregular],
-                [run.state for run in irregular],
-                2.0 * times * self.options.duration,
-                10.0,
-                interval=drive.whole(0.5),
+                [
+                    run.record.states[(t.size - 1) % every :: every] if long else run.state
+                    for run in irregular
+                ],
+                duration,
+                SETTLING,
+                interval=every * float(t[1]),
                 base=drive.base,
                 driven=bool(drive.period),
             )

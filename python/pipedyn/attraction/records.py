@@ -87,6 +87,16 @@ class Stretch:
         return float(back[turns]), float(times[-2 - turns]), float(times[-1]), turns + 1
 
     @cached_property
+    def last_change(self) -> float:
+        """Largest change of the states in the last period of `recurrence`, as far as recorded.
+
+        It is relative to the motion's size, like the distance of the one state that came back.
+        """
+        _, passed = self._passages
+        turns = self.recurrence[3]
+        return float(np.abs((passed[turns:] - passed[:-turns])[-turns:]).max())
+
+    @cached_property
     def period(self) -> float:
         """Period after which the motion repeats, as three periods show; 0 if it does not repeat.
 
@@ -97,7 +107,7 @@ class Stretch:
         """
         times, passed = self._passages
         drifting = list[int]()
-        for turns in range(1, (times.size - 1) // 3 + 1):
+        for turns in self._returns(RECURRENCE, (times.size - 1) // 3):
             if any(turns % some == 0 for some in drifting):
                 continue
             once = float(np.abs(passed[turns:] - passed[:-turns]).max())
@@ -121,7 +131,9 @@ class Stretch:
             return "settling"
         _, passed = self._passages
         errors = ERROR_FACTOR * self.rtol
-        for turns in range(1, (len(passed) - 1) // 5 + 1):
+        # The last change is at most an eighth of the largest, or as small as these.
+        largest = 0.125 * float(np.ptp(passed, axis=0).max(initial=0.0)) if len(passed) else 0.0
+        for turns in self._returns(max(largest, RECURRENCE, errors), (len(passed) - 1) // 5):
             # A Floquet multiplier whose motion still decays shrinks the changes by a constant
             # factor. Near a torus the changes may shrink for a while as well, but not by a further
             # factor of 2 in each quarter. Small changes may shrink more slowly.
@@ -132,6 +144,12 @@ class Stretch:
             if (parts[1:] <= np.maximum(share * parts[:-1], errors)).all():
                 return "settling"
         return "irregular"
+
+    def _returns(self, within: float, most: int) -> list[int]:
+        """Numbers of passages, up to `most`, before which the last state was within a distance."""
+        _, passed = self._passages
+        back = np.abs(passed[-1 - max(most, 0) : -1] - passed[-1:]).max(axis=1)[::-1]
+        return (1 + np.flatnonzero(back <= within)).tolist()
 
     @cached_property
     def _passages(self) -> tuple[Array, Array]:

@@ -51,6 +51,10 @@ REGION_SHARE = 0.25
 LONGEST_PERIOD = 2.0
 """Largest period that is assumed for equilibria about which nothing oscillates."""
 
+EVERY = 4
+"""Number of samples of a record of which one is compared with the others, to see how far the states
+of an irregular motion lie apart: some ten in a period are as far away as all are."""
+
 LARGEST_DISTANCE = 0.1
 """Largest distance of an equilibrium from the place where it is looked for, in rad or in a
 coordinate."""
@@ -325,6 +329,6 @@ def irregular_motion(model: Model, drive: Excitation, end: Attractor, stretch: S
     region = Region(points, unit, 2.0 * math.pi * unit, driven=bool(drive.period), **same)
     half = len(points) // 2
     first = replace(region, points=region.points[:half])
-    apart = float(first.distances(region.points[half:], math.inf).max())
+    apart = float(first.distances(region.points[half::EVERY], math.inf).max())
     region = replace(region, radius=max(2.0 * apart, SAME_ATTRACTOR))
     return Solution(end, region, False, math.nan, scatter=region.radius)

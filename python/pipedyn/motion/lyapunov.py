@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -201,10 +201,21 @@ def _from_growth(
     )
 
 
+@dataclass(frozen=True)
+class _PairTask(Task):
+    """A motion that is integrated together with a neighbour, or whose states are known.
+
+    Attributes:
+        path: states at the start of each interval and at the end, shape (S + 1, 2 integrated).
+    """
+
+    path: Array | None = None
+
+
 def exponents_together(
     model: Model,
     speeds: Sequence[float | Pulsation],
-    states: Sequence[Array],
+    paths: Sequence[Array],
     duration: float,
     transient: float,
     blocks: int = 10,
@@ -214,13 +225,18 @@ def exponents_together(
     alone: bool = False,
     shown: bool = False,
 ) -> list[LyapunovExponent | MotionStopped]:
-    """The largest exponents of motions that start at states [p, p'], computed as one ensemble.
+    """The largest exponents of motions, computed as one ensemble.
+
+    Each of the paths is the state [p, p'] at which a motion starts, (2 integrated,), or states that
+    are known, an interval apart, shape (S + 1, 2 integrated). Only the neighbours of motions with
+    known states are integrated, beside the last of these; where they are few, first the transient
+    is shortened, then the duration.
 
     If the flow pulsates or the base moves (`driven`), all motions have the same forcing and begin
     at the start of a period. The interval must be a multiple of that period, and the duration is
-    rounded up to whole intervals.
+    rounded up to whole intervals, as with known states.
 
-    Each motion is integrated together with a neighbour. Those of an ensemble end early if the
+    Each motion is followed together with a neighbour. Those of an ensemble end early if the
     exponent over the later half of their time so far is above 0 by BEYOND_DOUBT spreads; this
     exponent is then the answer. With `alone`, for a single motion that is not driven, it goes on to
     its end and is computed with smaller errors.
@@ -229,18 +245,28 @@ def exponents_together(
         NotConverged: with `alone`, if the difference changes too fast to be followed.
     """
     apart, error = (CLOSE, 1e-6 * CLOSE) if alone else (APART, 1e-3 * APART)
-    each = max(math.ceil(duration / blocks / interval), 1)
-    step = interval if driven else duration / blocks / each
-    p, rates = np.split(states[0], 2)
+    each, known = max(math.ceil(duration / blocks / interval), 1), paths[0].ndim == 2
+    if known:
+        each = min(each, (len(paths[0]) - 1) // blocks)
+        most = math.ceil(transient / interval) + blocks * each + 1
+        paths = [path[-most:] for path in paths]
+        transient = interval * (len(paths[0]) - 1 - blocks * each)
+    step = interval if driven or known else duration / blocks / each
+    starts = [np.atleast_2d(path)[0] for path in paths]
+    p, rates = np.split(starts[0], 2)
     first = checked_task(
         *(model, speeds[0], step, p, rates),
         times=[step],
         rtol=error,
         atol=error,
         base=base,
-        members=2 * len(states),
+        members=(1 if known else 2) * len(paths),
     )
-    tasks = [replace(first, u=u, start=y) for u, y in zip(speeds, states, strict=True)]
+    pair = _PairTask(**vars(first))
+    tasks = [
+        replace(pair, u=u, start=y, path=path if known else None)
+        for u, y, path in zip(speeds, starts, paths, strict=True)
+    ]
     # All intervals of a batch are one job: a job for each of them takes twice as long.
     measured = partial(
         _measured,
@@ -255,7 +281,7 @@ def exponents_together(
 
 
 def _measured(
-    tasks: Sequence[Task],
+    tasks: Sequence[_PairTask],
     shown: bool,
     observer: Observer,
     apart: float,
@@ -281,7 +307,8 @@ def _measured(
         progress: whether to count intervals on stderr.
     """
     model, step, size = tasks[0].model, float(tasks[0].times[0]), tasks[0].start.size
-    before = math.ceil(transient / step)
+    before = math.ceil(transient / step - 1e-9)
+    followed = 2 if tasks[0].path is None else 1  # number of motions that are integrated
     here = np.array([task.start for task in tasks])
     beside = [np.split(y + apart * _any_direction(size), 2) for y in here]
     away = np.array([np.concatenate(model.onto_constraints(*pair)) for pair in beside]) - here
@@ -292,17 +319,20 @@ def _measured(
         going = [k for k in range(len(tasks)) if k not in answers]
         if not going:
             break
-        pairs = [replace(tasks[k], start=y) for k in going for y in (here[k], here[k] + away[k])]
+        starts = [(k, y) for k in going for y in (here[k], here[k] + away[k])[-followed:]]
+        pairs = [replace(tasks[k], start=y) for k, y in starts]
         outcomes = integrate(pairs, shown, observer)
         for place, k in enumerate(going):
-            both = slice(2 * place, 2 * place + 2)
+            both, path = slice(followed * place, followed * (place + 1)), tasks[k].path
             for task, outcome in zip(pairs[both], outcomes[both], strict=True):
                 if outcome[2] is not None:
                     [(motion, why)] = assembled([task], [outcome])
                     answers[k] = MotionStopped(f"the motion stopped: {why}", motion)
             if k in answers:
                 continue
-            one, other = (outcome[0][-1, :size] for outcome in outcomes[both])
+            one, other = (outcomes[both][end][0][-1, :size] for end in (0, -1))
+            if path is not None:
+                one = path[i + 1]
             one = model._alike(np.zeros(size), one)  # with the fewest turns
             other = model._alike(one, other)
             here[k], distance = one, float(np.linalg.norm(other - one))
