@@ -444,6 +444,7 @@ def test_irregular_chains_crossings_account_for_every_unstable_root(seed):
     counts_meet_the_matrices(chain, 10.0, share=0.75)
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 @pytest.mark.parametrize("kind", [pp.Chain, pp.Galerkin, modular.chain])
 def test_derivatives_by_gravity_and_damping_are_right_at_the_ends_of_their_ranges(kind):
     x = np.eye(3)

@@ -14,6 +14,8 @@ from loaded import LAWS, MAKERS, SPEED, answers, deviations, extremes, states
 
 import pipedyn as pp
 
+pytestmark = pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
+
 CROWD = tuple(pp.Spring((j + 1) / 16, 1.0) for j in range(15))
 """Many terms, with a panel of a reduced model between each two."""
 

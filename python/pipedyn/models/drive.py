@@ -936,7 +936,7 @@ class InputUnits:
             return u
         pair = isinstance(u, tuple) and any(map(callable, u))
         if not (pair or callable(u)):
-            return self._pipe.speed_given(name, u)
+            return self._pipe._speed_given(name, u)
         return self._functions(u, self._pipe._units(name).speed, "m/s")
 
     def base(self, base: Any) -> Any:

@@ -846,9 +846,9 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).speed_from_si(6.0)
             3.0
         """
-        return self.speed_given("V", V, self._speed(phase))
+        return self._speed_given("V", V, self._speed(phase))
 
-    def speed_given(self, name: str, V: Any, scale: float | None = None) -> Any:
+    def _speed_given(self, name: str, V: Any, scale: float | None = None) -> Any:
         """Nondimensional flow speed from the speed in m/s of an argument, over that at u = 1."""
         units = self._units(name)
         slips = {} if math.isnan(units.flow_rate) else {"m3/s": units.speed / units.flow_rate}
