@@ -335,8 +335,8 @@ std::optional<Values> Structured::all_roots(double u, const Values& starts) {
   for (const Complex start : starts) roots.push_back({start, start.imag() == 0.0});
   factorised_ += 2;
   const bool found = zeros_in_flow_ == 0 && roots_in(roots) == 2 * traits.dof &&
-                     correct(*of_, u, roots, most_near) && roots_in(roots) == 2 * traits.dof &&
-                     has_all(*of_, u, roots);
+                     correct(*of_, u, roots, memory_, most_near) &&
+                     roots_in(roots) == 2 * traits.dof && has_all(*of_, u, roots, memory_);
   if (!found || static_cast<Index>(roots.size()) != starts.size()) return {};
   Values values(starts.size());
   for (Index i = 0; i < starts.size(); ++i) values[i] = roots[i].value;
