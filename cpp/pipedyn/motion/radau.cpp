@@ -128,13 +128,15 @@ void Radau::predict(double h) {
     z_.setZero();
     w_.setZero();
   } else {
-    Table powers, beyond;
+    Table beyond{};
     for (Index i = 0; i < radau::stages; ++i) {
       const double x = 1.0 + radau::nodes[i] * ratio;
-      for (Index p = 0; p < radau::stages; ++p) powers[p][i] = x * (p > 0 ? powers[p - 1][i] : 1.0);
+      for (Index k = 0; k < radau::stages; ++k) {
+        double weight = 0.0;
+        for (Index p = radau::stages - 1; p >= 0; --p) weight = x * (radau::powers[k][p] + weight);
+        beyond[k][i] = weight - (k == radau::stages - 1 ? 1.0 : 0.0);
+      }
     }
-    combine_rows(radau::powers[0], powers, radau::stages, beyond[0]);
-    for (double& weight : beyond[radau::stages - 1]) weight -= 1.0;
     combine_rows(before_.data(), beyond, n, z_.data());
     combine_rows(z_.data(), radau::to_systems, n, w_.data());
   }
