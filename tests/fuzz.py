@@ -1281,6 +1281,8 @@ def _motions() -> Iterator[Target]:
     yield target(pp.rotating_motion, slow=True, model=whirling, u=beyond)
     yield target(space.bent, angle=FUNCTION, across=optional(FUNCTION))
     yield target(space.turned, y=array(12, any_size=True), angle=NUMBER)
+    circles = pp.bifurcation_diagram(space, [SPEED, 1.01 * SPEED], cycles=1).rotating[0]
+    yield target(circles.at, u=real((1.0, 2.0), -1.0))
     reduced = pp.Galerkin(PIPE, 2, dimensions=3)
     yield target(reduced.bent, angle=FUNCTION, across=optional(FUNCTION))
     yield target(reduced.turned, y=array(8, any_size=True), angle=NUMBER)

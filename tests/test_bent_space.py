@@ -173,10 +173,12 @@ def test_a_response_is_asked_across_the_plane_of_models_that_leave_it():
     straight = in_space(pipe)
     found = [pp.frequency_response(straight, 3.0, [5.0], direction=of).response for of in "xz"]
     assert found[0] == found[1]
-    with pytest.raises(ValueError, match="direction must be 'x' for a model that moves in a plane"):
+    with pytest.raises(
+        ValueError, match="direction must be 'x' or 'y' for a model that moves in a plane"
+    ):
         pp.frequency_response(straight.planar, 3.0, [5.0], direction="z")
-    with pytest.raises(ValueError, match="direction must be one of 'x', 'z', got 'y'"):
-        pp.frequency_response(straight, 3.0, [5.0], direction="y")
+    with pytest.raises(ValueError, match="direction"):
+        pp.frequency_response(straight, 3.0, [5.0], input=("force", 0.5), direction="y")
     sagging = pp.frequency_response(in_space(level(damping=0.01)), 3.0, direction="z")
     own = sagging.poles[sagging.poles.imag > 0.0]
     modes = pp.modes(in_space(level(damping=0.01)), 3.0)
@@ -413,5 +415,3 @@ def test_what_cannot_be_asked_of_a_sagging_pipe_in_space_says_why(make):
             ask()
     with pytest.raises(ValueError, match="dimensions"):
         pp.Continuum(level(), dimensions=4)
-    with pytest.raises(ValueError, match="must be held at its root alone"):
-        pp.Continuum(level(end="pinned"), dimensions=3)

@@ -474,6 +474,7 @@ def test_curves_into_an_edge_without_flow_and_damping_say_why_they_end():
 
 
 @pytest.mark.parametrize("name", ["alpha", "damping", "hysteresis"])
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_numbers_from_their_lower_limit_beside_a_roots_stiffness(name):
     chain = pp.Chain(pp.Pipe(0.07, root=pp.RootSpring(3.0)), 3)
     top = {"alpha": 3.0, "damping": 2.0, "hysteresis": 0.9}[name]

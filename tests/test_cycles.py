@@ -535,6 +535,7 @@ def test_the_product_of_the_multipliers_is_the_exponential_of_the_divergence():
 # ------------------------------------------------------------------------------------ refusals
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_why_each_way_to_a_cycle_fails_is_told():
     failure = "the onset do not converge .*; no limit cycle at u = 3.2 by simulation"
     with pytest.raises(pp.NoCycle, match=failure):
@@ -587,6 +588,7 @@ def test_a_bad_argument_is_refused_by_name(given, message):
         pp.limit_cycle(**{"model": ROM, "u": 6.0} | given)
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_multipliers_that_overflow_are_refused():
     """Over a slow cycle the fast mode grows by more than numbers can hold."""
     model = heavy(160.0)

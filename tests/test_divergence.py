@@ -129,6 +129,7 @@ def test_every_mode_of_a_weakly_damped_aspirating_pipe_is_counted():
         pp.Continuum,
     ],
 )
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_a_heavy_tip_mass_lets_the_critical_speed_fall_by_its_square_root(model):
     """u sqrt(M) is a power series in 1 / M, of which masses that hide nothing give two terms."""
     found = [

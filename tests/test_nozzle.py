@@ -29,6 +29,7 @@ def without(pipe):
 
 @pytest.mark.parametrize("alpha", NOZZLES)
 @pytest.mark.parametrize("make", MODELS.values(), ids=MODELS)
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_a_nozzle_scales_critical_speeds(make, alpha):
     pipe = pp.Pipe(0.2, gamma=5.0, alpha=alpha, damping=1e-3, terms=[pp.PointMass(1.0, 0.1)])
     found, plain = pp.critical_speed(make(pipe)), pp.critical_speed(make(without(pipe)))

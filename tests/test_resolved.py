@@ -136,6 +136,7 @@ def test_rates_beyond_double_precision_are_refused(name):
     assert refused.value.members == (1,)
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_a_motion_does_not_go_where_a_state_is_refused():
     """Within an integration it is a step that is not taken; an integrator of the user's is told."""
     model = pp.Galerkin(STIFF, 4)

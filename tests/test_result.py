@@ -134,7 +134,10 @@ def tables():
         frequencies=(9.0, 11.0),
     )
     pulsation = pp.Pulsation(2.0, 0.3, 25.0)
+    whirling = pp.Chain(SCALED, 2, dimensions=3)
+    circles = pp.bifurcation_diagram(whirling, [5.0, 5.2], cycles=4).rotating[0]
     return [
+        circles,
         motion,
         motion.events[0],
         pp.simulate_many(SCALED_CHAIN, [1.0, 2.0], 1.0, bend, samples=5),

@@ -181,6 +181,7 @@ def test_operators_about_a_held_rest_that_sags_are_the_derivatives_of_the_motion
         assert np.abs(exact - one).min() < 1e-6 * abs(one)
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.FluttersAcross")
 def test_small_oscillations_about_a_held_rest_start_to_grow_at_its_critical_speed():
     model = MODELS["legendre"](pp.Pipe(0.2, gamma=5.0, inclination=np.pi / 2, supports=[0.25]))
     found = pp.critical_speed(model)  # across the plane of sag, before that in the plane

@@ -302,6 +302,7 @@ def test_a_term_of_nothing_leaves_the_plain_motion(pipe, basis):
 
 
 @pytest.mark.parametrize("degrees", [20.0, 60.0, 110.0])
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_under_an_end_weight_the_pipe_is_the_elastica(degrees):
     """Weight K(k)^2 turns the end by alpha, k = sin(alpha / 2), to x = 2 k / K, y = 2 E / K - 1.
 

@@ -421,7 +421,7 @@ def _start_near(model: Model, one: LimitCycle) -> Array:
     In three dimensions it is away from the plane of a cycle as well.
     """
     p, rates = np.split(np.asarray(one.model.initial_state(one.q[0], one.qdot[0])), 2)
-    if one.model is not model:
+    if one.model.dimensions != model.dimensions:
         p, rates = model.from_plane(p), model.from_plane(rates)
         rates = rates + 0.01 * model.quarter_turn(rates)
     return np.concatenate(model.onto_constraints(1.01 * p, rates))

@@ -183,10 +183,10 @@ def number(
 
 
 def given_fields(one: Any) -> Iterator[tuple[Field[Any], Any]]:
-    """Fields of a term or root spring with their values, without those that are None."""
+    """Fields of a term or root spring with their values, without those left at None."""
     for item in fields(one):
         value = getattr(one, item.name)
-        if value is not None:
+        if value is not None or item.default is not None:
             yield item, value
 
 

@@ -7,6 +7,9 @@ import numpy as np
 
 from pipedyn.util.check import Array
 
+ROUND = 0.95
+"""Ratio of the axes of an ellipse above which a motion has no farthest direction."""
+
 LEAST_MOTION = 1e-9
 """Motion of a point, in L, below which the point counts as held by a support: its velocity is then
 the rounding error of the constraints."""
@@ -33,11 +36,12 @@ def farthest_direction(positions: Array) -> Array:
     """Direction across the pipe in which a point moves farthest from its mean, as a unit vector.
 
     Positions are (x, y), shape (S, 2), where it is (1, 0), or (x, y, z), shape (S, 3), where z is
-    0 for motions in the plane z = 0.
+    0 for motions in the plane z = 0, and for those that are nearly circular.
     """
     direction = np.zeros(positions.shape[1])
     across = positions[:, ::2] - positions[:, ::2].mean(axis=0)
-    direction[::2] = np.linalg.svd(across, full_matrices=False)[2][0]
+    _, sizes, ways = np.linalg.svd(across, full_matrices=False)
+    direction[::2] = ways[0] if sizes[-1] < ROUND * sizes[0] else np.eye(len(ways))[0]
     return direction * np.sign(direction[np.abs(direction).argmax()])
 
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
@@ -278,9 +279,9 @@ def _roots_of_maps(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units
     found, parts = list[Complex](), uncoupled(motion, orbit)
     for part in parts:
         own = maps if len(parts) == 1 else maps[:, part[:, None], part]
-        allowed = None if free is None else free[part] / units[part, None]
-        if allowed is not None:
-            allowed = allowed[:, allowed.any(axis=0)]
+        allowed = None  # directions in the plane or across it that supports leave free
+        if free is not None:
+            allowed = scipy.linalg.orth(free[part], 1e-9) / units[part, None]
         found.append(eigenvalues_through(own, allowed))
     return np.asarray(orbit.mirror_sign * np.concatenate(found))
 
