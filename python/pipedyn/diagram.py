@@ -19,9 +19,9 @@ from pipedyn.attraction.motion_ends import Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.solutions import (
     Solution,
+    circular_solution,
     cycle,
     equilibria_near,
-    rotation,
     with_separate_regions,
 )
 from pipedyn.cycles.branches import (
@@ -377,7 +377,9 @@ def _cases(
                     found += [found[-1].mirrored(False)] if branch.mirrored else []
             for circles in rotating:
                 for circle in circles.at(u):
-                    found.append(rotation(model, np.append(circle.q, [circle.frequency, u])))
+                    found.append(
+                        circular_solution(model, np.append(circle.q, [circle.frequency, u]))
+                    )
                     found.append(found[-1].mirrored(False))
             moving = ([one for one in b.cycles if one.moves] for b in cycles)
             nearest = (min(some, key=lambda one: abs(one.u - u)) for some in moving if some)

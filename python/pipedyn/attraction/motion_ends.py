@@ -35,10 +35,10 @@ from pipedyn.attraction.regions import (
 from pipedyn.attraction.solutions import (
     Solution,
     by_record,
+    circular_solution,
     cycle,
     equilibria_near,
     irregular_motion,
-    rotation,
     with_separate_regions,
 )
 from pipedyn.equilibrium.rotating_motion import rotation_near
@@ -105,7 +105,7 @@ by then."""
 RECORD_FACTOR = 5.0
 """Time over which an irregular motion is recorded, in durations: some hundred cycles or more."""
 
-SETTLING = 10.0
+UNTIL_SETTLED = 10.0
 """Time in which the difference of neighbours turns to the direction of fastest growth, before an
 exponent is measured: along the record of a motion, unless that is too short."""
 
@@ -402,7 +402,9 @@ class _Engine:
         drive = run.case.drive
         if self.model.axisymmetric and not drive.period:
             with suppress(NewtonFailed):
-                return rotation(self.model, rotation_near(self.model, run.state, drive.mean))
+                return circular_solution(
+                    self.model, rotation_near(self.model, run.state, drive.mean)
+                )
         return cycle(self.model, drive, *solved_cycle(self.model, drive, run.record, farthest))
 
     def join(self, irregular: list[_Run]) -> list[_Run]:
@@ -551,7 +553,7 @@ class _Engine:
                 round(drive.whole(0.5) / float(t[1])),
                 2.0 * times * self.options.duration,
             )
-            long = float(t[-1]) >= SETTLING + duration
+            long = float(t[-1]) >= UNTIL_SETTLED + duration
             measured = exponents_together(
                 self.model,
                 [run.case.drive.u for run in irregular],
@@ -560,7 +562,7 @@ class _Engine:
                     for run in irregular
                 ],
                 duration,
-                SETTLING,
+                UNTIL_SETTLED,
                 interval=every * float(t[1]),
                 base=drive.base,
                 driven=bool(drive.period),

@@ -51,7 +51,7 @@ REGION_SHARE = 0.25
 LONGEST_PERIOD = 2.0
 """Largest period that is assumed for equilibria about which nothing oscillates."""
 
-EVERY = 4
+EVERY_FOURTH = 4
 """Number of samples of a record of which one is compared with the others, to see how far the states
 of an irregular motion lie apart: some ten in a period are as far away as all are."""
 
@@ -270,7 +270,7 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
     return Solution(end, region, stable, period, orbit=orbit)
 
 
-def rotation(model: Model, z: Array) -> Solution:
+def circular_solution(model: Model, z: Array) -> Solution:
     """The solution of a circular motion z = (q, W, u) of a pipe in three dimensions."""
     one = motion_at(model, z)
     period, state = 2.0 * math.pi / abs(one.frequency), np.concatenate([one.q, one.qdot])
@@ -329,6 +329,6 @@ def irregular_motion(model: Model, drive: Excitation, end: Attractor, stretch: S
     region = Region(points, unit, 2.0 * math.pi * unit, driven=bool(drive.period), **same)
     half = len(points) // 2
     first = replace(region, points=region.points[:half])
-    apart = float(first.distances(region.points[half::EVERY], math.inf).max())
+    apart = float(first.distances(region.points[half::EVERY_FOURTH], math.inf).max())
     region = replace(region, radius=max(2.0 * apart, SAME_ATTRACTOR))
     return Solution(end, region, False, math.nan, scatter=region.radius)

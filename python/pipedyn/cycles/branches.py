@@ -108,7 +108,7 @@ followed, or the least gap of the speeds if that is smaller; the share of this w
 winding branch, for example one near a homoclinic orbit, is followed no further; and the number of
 steps after which it ends. Speeds that are closer together ask for narrower branches."""
 
-MOST_HALVINGS = 25
+MOST_BISECTIONS = 25
 """Largest number of times that an interval is halved in which cycles begin to leave their plane."""
 
 GENERATIONS = 2
@@ -405,7 +405,7 @@ def _out_of_plane(
         return _leaves_plane(known[u]) > 0.0
 
     with suppress(PipedynError):
-        for _ in range(MOST_HALVINGS):
+        for _ in range(MOST_BISECTIONS):
             middle = 0.5 * (low + high)
             if leaves(middle) == leaves(low):
                 low = middle

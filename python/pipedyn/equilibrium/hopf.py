@@ -330,7 +330,7 @@ class SpatialHopf(Result):
         return self.plane.growth * (1.0 - self.other.real / self.own.real)
 
 
-def _in_space(model: Model, plane: Hopf) -> SpatialHopf:
+def _spatial_hopf(model: Model, plane: Hopf) -> SpatialHopf:
     """The onset in three dimensions, with both coefficients.
 
     A = <P, C(E, E, E*)> / 2 and B = <P, C(E, F, F*)> with the states E = (q, i q) and F = (q, -i q)
@@ -408,7 +408,7 @@ def hopf(
     # With more degrees of freedom, dense eigenvectors lose digits that differences need.
     model = checked_model_in_motion(model, largest=500, purpose="hopf")
     if model.axisymmetric:
-        return _in_space(model, hopf(model.planar, crossing, friction=friction))
+        return _spatial_hopf(model, hopf(model.planar, crossing, friction=friction))
     if friction is not None:  # else its refusal would be taken for that of the onset
         Supply.at_speed(model.pipe, 1.0, friction=friction)
     own = crossing is None

@@ -53,7 +53,7 @@ ROTATES = 0.1
 """Largest share of the rates of a state that is no rotation where a circular motion is near, and
 largest relative distance of its shape."""
 
-STEPS = Control(longest=0.2, shortest=1e-9)
+ROTATING_STEPS = Control(longest=0.2, shortest=1e-9)
 """How steps along the branch are taken."""
 
 
@@ -200,7 +200,7 @@ def rotating_motion(model: Model, u: float) -> RotatingMotion:
     u = steady_speed("u", u, open_low=True)
     with one_thread(2 * model.integrated):
         onset = hopf(model.planar)
-        tracer = _Tracer(model, onset, (0.0, math.inf), until=u)
+        tracer = _RotatingTracer(model, onset, (0.0, math.inf), until=u)
         *_, why = tracer.followed()
         if not tracer.over:
             raise NotConverged(
@@ -226,7 +226,7 @@ def rotating_branch(
     Raises:
         NewtonFailed: if no circular motion is found beside the onset.
     """
-    tracer = _Tracer(model, onset, speeds, marks)
+    tracer = _RotatingTracer(model, onset, speeds, marks)
     _, end, why = tracer.followed()
     if not tracer.path:
         if why:
@@ -236,7 +236,7 @@ def rotating_branch(
     return RotatingBranch(motions, tuple(tracer.changes), onset.speed, end)
 
 
-class _Tracer(Tracer[DenseProblem]):
+class _RotatingTracer(Tracer[DenseProblem]):
     """Tracer of the circular motions that emerge at an onset of flutter.
 
     Attributes:
@@ -267,7 +267,7 @@ class _Tracer(Tracer[DenseProblem]):
         mode = mode / mode[-1]
         mode *= FIRST_RADIUS / np.abs(mode).max()
         guess = np.concatenate([mode.real, mode.imag, [onset.frequency, onset.speed]])
-        problem = DenseProblem(partial(_equations, model), size + 1, 1.0, STEPS)
+        problem = DenseProblem(partial(_equations, model), size + 1, 1.0, ROTATING_STEPS)
         last = size // 2 - 1
         outward = np.zeros(size + 2)
         outward[last] = 1.0
@@ -348,7 +348,7 @@ def rotation_near(model: Model, state: Array, u: float) -> Array:
     last = model.integrated - 1
     angle = math.atan2(q[last], q[last // 2])
     q = math.cos(angle) * q - math.sin(angle) * model.quarter_turn(q)
-    problem = DenseProblem(partial(_equations, model), q.size + 1, 1.0, STEPS)
+    problem = DenseProblem(partial(_equations, model), q.size + 1, 1.0, ROTATING_STEPS)
     found = problem.fixed(np.concatenate([q, [w, u]]), u)
     if np.linalg.norm(found[: q.size] - q) > ROTATES * np.linalg.norm(q):
         raise NewtonFailed("no circular motion is near")
