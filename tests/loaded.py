@@ -39,9 +39,18 @@ class Maker:
         return self.make(pp.Pipe(0.3, 10.0, damping=0.01, terms=terms, **self.held))
 
     def takes(self, law: type[pp.Term]) -> bool:
-        """What stretches needs an end that is held across; some laws have no motion."""
+        """What stretches needs an end that is held across; some laws have no motion.
+
+        A law of a user's own may state no load in three dimensions, which refuse it then.
+        """
         held = self.held.get("end") in ("pinned", "clamped")
-        return not law.no_motion and (law is not pp.Stretching or held)
+        if law.no_motion or (law is pp.Stretching and not held):
+            return False
+        try:
+            self(extremes(law)[0])
+        except ValueError as error:
+            return "has no equations in three dimensions here" not in str(error)
+        return True
 
 
 def beam(pipe: pp.Pipe) -> pp.Model:

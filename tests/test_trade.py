@@ -324,7 +324,7 @@ MOTION = {"u": 1.0, "duration": 1.0}
     ("quantity", "given", "error", "message"),
     [
         ("motion", {}, TypeError, "'motion' takes u, .* lacks u, duration"),
-        ("frequencies", {"v": 1.0}, TypeError, "takes u, count, got 'v'"),
+        ("frequencies", {"v": 1.0}, TypeError, "takes u, count, dimensions, got 'v'"),
         ("root_loci", {"speeds": [2.0, 1.0]}, ValueError, "strictly increasing"),
         ("motion", MOTION | {"start": [0.1]}, TypeError, "start must be a function of arc lengths"),
         ("motion", MOTION | {"rates": np.sin}, ValueError, "rates must come with a start"),

@@ -118,7 +118,7 @@ class RotatingBranch(TableResult):
         >>> chain = pp.Chain(pp.Pipe(0.2), n=4, dimensions=3)
         >>> (branch,) = pp.bifurcation_diagram(chain, [5.0, 6.0]).rotating
         >>> round(branch.onset, 3), [round(one.radius, 3) for one in branch.at(6.0)]
-        (4.949, [0.301])
+        (4.949, [0.313])
     """
 
     motions: tuple[RotatingMotion, ...] = field(repr=False)

@@ -13,7 +13,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
-from matplotlib.gridspec import SubplotParams
 from matplotlib.ticker import AutoLocator, SymmetricalLogLocator
 from numpy.typing import NDArray
 
@@ -159,7 +158,7 @@ def axes(ax: Any, size: tuple[float, float], *, in_space: bool = False, **labels
         raise ValueError(f"ax must {rule} projection='3d' for this picture, got {check.shown(ax)}")
     placed = chosen.get_subplotspec() is not None  # layout engines leave other Axes alone
     if placed and isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
-        as_usual = vars(chosen.figure.subplotpars) == vars(SubplotParams())
+        as_usual = vars(chosen.figure.subplotpars) == vars(Figure().subplotpars)
         with suppress(RuntimeError):  # a colour bar was placed without a layout engine
             if as_usual:  # else the user placed the Axes with `subplots_adjust`
                 chosen.figure.set_layout_engine("constrained")
