@@ -532,14 +532,6 @@ class _Engine:
         attracts = not runs and all(number == 0 for number, _ in trial.ends.values())
         return replace(one, attracts=attracts)
 
-    def least_chaos(self, duration: float) -> float:
-        """Exponent that the linear growth of differences pretends to over a time.
-
-        If turns about the axis change nothing, neighbouring motions turn at different rates, so
-        that their difference grows in proportion to the time even if they are not chaotic.
-        """
-        return math.log(duration) / duration if self.model.axisymmetric else 0.0
-
     def name(self, runs: list[_Run], times: float) -> list[_Run]:
         """Names motions by exponents and records; returns those that need longer records.
 
@@ -547,12 +539,13 @@ class _Engine:
         """
         exponents: dict[_Run, LyapunovExponent | MotionStopped] = {}
         irregular = [run for run in runs if not run.comes_nearer]
+        duration = 2.0 * times * self.options.duration
+        # Differences that grow in proportion to the time, as between motions on a torus that go
+        # round or turn about the axis at different rates, pretend to this exponent.
+        shear = math.log(duration) / duration
         if self.options.exponents and irregular:
             drive, t = irregular[0].case.drive, irregular[0].record.t
-            every, duration = (
-                round(drive.whole(0.5) / float(t[1])),
-                2.0 * times * self.options.duration,
-            )
+            every = round(drive.whole(0.5) / float(t[1]))
             long = float(t[-1]) >= UNTIL_SETTLED + duration
             measured = exponents_together(
                 self.model,
@@ -580,9 +573,9 @@ class _Engine:
                 why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
             elif exponent is None:
                 ending = "irregular"
-            elif exponent.chaotic and exponent.value > self.least_chaos(exponent.duration):
+            elif exponent.chaotic and exponent.value > shear * self.model.axisymmetric:
                 ending = "chaotic"
-            elif exponent.value <= exponent.spread and run.record.averages_converge():
+            elif exponent.value <= min(exponent.spread, shear) and run.record.averages_converge():
                 ending = "quasi-periodic"
             elif times < RECORD_EXTENSIONS[-1]:
                 doubtful.append(run)

@@ -1005,7 +1005,8 @@ def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
         q0 = slightly_bent(model)
     if not callable(q0):
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
-        return _with_work(model, model.initial_state(q0, qdot0))
+        state = model.initial_state(q0, qdot0)
+        return np.append(state, 0.0) if qdot0 is not None else _with_work(model, state)
     try:
         bent = model.bent(q0)
     except (ValueError, TypeError) as error:
