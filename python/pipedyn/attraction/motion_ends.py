@@ -540,9 +540,6 @@ class _Engine:
         exponents: dict[_Run, LyapunovExponent | MotionStopped] = {}
         irregular = [run for run in runs if not run.comes_nearer]
         duration = 2.0 * times * self.options.duration
-        # Differences that grow in proportion to the time, as between motions on a torus that go
-        # round or turn about the axis at different rates, pretend to this exponent.
-        shear = math.log(duration) / duration
         if self.options.exponents and irregular:
             drive, t = irregular[0].case.drive, irregular[0].record.t
             every = round(drive.whole(0.5) / float(t[1]))
@@ -566,6 +563,11 @@ class _Engine:
             exponent, drive = exponents.get(run), run.case.drive
             ending: Ending = "unsettled"
             why = ""
+            # Differences that grow in proportion to the time, as between motions on a torus that go
+            # round or turn about the axis at different rates, pretend to this exponent.
+            shear = 0.0
+            if isinstance(exponent, LyapunovExponent):
+                shear = math.log(exponent.duration) / exponent.duration
             if isinstance(exponent, MotionStopped):
                 why = f"its largest Lyapunov exponent is not known: {exponent}"
                 exponent = None
