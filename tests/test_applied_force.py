@@ -124,6 +124,15 @@ def test_power_is_that_of_the_moving_places(kind, name):
     assert fed == pytest.approx(expected, rel=1e-7)
 
 
+def assert_states_of_a_batch_have_own_forces(forced, y, drive):
+    many = np.stack([y, 0.5 * y, 0.1 * y], axis=1)
+    drives = np.stack([drive, 2.0 * drive, 0.0 * drive], axis=1)
+    together = forced.motion_rates(many, 2.0, drives)
+    for k in range(3):
+        alone = forced.motion_rates(many[:, k], 2.0, drives[:, k].copy())
+        np.testing.assert_allclose(together[:, k], alone, rtol=1e-10, atol=1e-10)
+
+
 @forces
 @pytest.mark.parametrize("pipe", [PIPE, HELD], ids=["free", "held"])
 @models
@@ -144,13 +153,7 @@ def test_derivatives_by_the_state_are_those_of_differences(kind, pipe, name):
     np.testing.assert_allclose(
         found, np.stack(columns, axis=1), rtol=1e-6, atol=1e-6 * np.abs(found).max()
     )
-    # Many states at once have forces of their own.
-    many = np.stack([y, 0.5 * y, 0.1 * y], axis=1)
-    drives = np.stack([drive, 2.0 * drive, 0.0 * drive], axis=1)
-    together = forced.motion_rates(many, 2.0, drives)
-    for k in range(3):
-        alone = forced.motion_rates(many[:, k], 2.0, drives[:, k].copy())
-        np.testing.assert_allclose(together[:, k], alone, rtol=1e-10, atol=1e-10)
+    assert_states_of_a_batch_have_own_forces(forced, y, drive)
 
 
 # ------------------------------------------------------------------------------- motions in time

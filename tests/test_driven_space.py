@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import scipy.special
 from independent import derivative_along
-from test_applied_force import driven
+from test_applied_force import assert_states_of_a_batch_have_own_forces, driven
 
 import pipedyn as pp
 from pipedyn.linear.rest import at_rest
@@ -112,12 +112,7 @@ def test_derivatives_and_batches_of_forces_are_right(kind, name):
     ]
     largest = np.abs(found).max()
     np.testing.assert_allclose(found, np.stack(columns, axis=1), atol=1e-6 * largest)
-    many = np.stack([y, 0.5 * y, 0.1 * y], axis=1)
-    drives = np.stack([drive, 2.0 * drive, 0.0 * drive], axis=1)
-    together = forced.motion_rates(many, 2.0, drives)
-    for k in range(3):
-        alone = forced.motion_rates(many[:, k], 2.0, drives[:, k].copy())
-        np.testing.assert_allclose(together[:, k], alone, rtol=1e-10, atol=1e-10)
+    assert_states_of_a_batch_have_own_forces(forced, y, drive)
 
 
 DIRECTIONS = {"z": "z", "y": "y", "oblique": (1.0, -0.5, 2.0), "circle": (1.0, 0.0, -1j)}
