@@ -132,9 +132,8 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         """Bound on the absolute distance of the speed from the continuous pipe's critical speed.
 
         It is None for chains with the user's own springs or inertia, which do not approximate a
-        continuous pipe, and for models in three dimensions of a pipe that rests bent; infinite if
-        the continuous pipe has no critical speed. The continuous pipe is solved at the first
-        request.
+        continuous pipe, and infinite if the continuous pipe has no critical speed. The continuous
+        pipe is solved at the first request.
         """
         model = self.model
         if not model.approximates_pipe:

@@ -63,8 +63,9 @@ class CriticalSpeeds(TableResult, units=dict.fromkeys(("speeds", "errors", "max_
             arrays made flat, such as `speeds.flat`, and its value that of the first number. A pipe
             that does not lose stability up to `max_speed` is no failure.
         max_speed: flow speed at which the searches ended.
-        across: of a model in three dimensions, whether the motions that lose stability are across
-            the plane in which the pipe rests bent, shape S; None for other models.
+        across: of a model in three dimensions whose pipe is bent by a load or has terms that differ
+            in x and z, whether the motions that lose stability are across the plane z = 0, shape S;
+            None for other models.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=10)

@@ -106,9 +106,9 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
         complete: whether every mode that grows at a speed in the range has a branch, as far as
             `crossings` finds these modes or, if this search fails, the roots at the speeds and
             their slopes tell; False in files of versions that did not look for them.
-        across: of a model in three dimensions about a bent rest, whether the motions of each branch
-            are across the plane of that rest, shape (B,), modes of both planes being counted apart;
-            None for other models.
+        across: of a model in three dimensions whose pipe is bent by a load or has terms that differ
+            in x and z, whether the motions of each branch are across the plane z = 0, shape (B,);
+            modes of both planes are counted apart. None for other models.
         missing: which modes grow, or may grow, without a branch, and how to get it; empty if all
             have one.
 

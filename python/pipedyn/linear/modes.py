@@ -160,8 +160,9 @@ class Modes(TableResult, units={"errors": RATE}):
         discretisation: for `Continuum`, the largest change of an eigenvalue from the basis before
             the last to the last, relative to the larger of the eigenvalue and 1; None for other
             models.
-        across: of a model in three dimensions about a bent rest, whether each mode is across the
-            plane of that rest, shape (count,); None for other models.
+        across: of a model in three dimensions whose pipe is bent by a load or has terms that differ
+            in x and z, whether each mode is across the plane z = 0, shape (count,); None for other
+            models.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)

@@ -121,9 +121,9 @@ class Crossing(Result, units={"error": SPEED}):
             damping makes it unstable (Kelvin, Tait and Chetaev).
         vouched: for `Continuum`, the number of lowest roots that its basis resolves and that are
             counted; None for other models, all of whose roots are counted.
-        across: of a model in three dimensions, whether the motion is across the plane in which its
-            pipe rests bent, or in it; None for other models. Modes of both planes are counted
-            apart.
+        across: of a model in three dimensions whose pipe is bent by a load or has terms that differ
+            in x and z, whether the motion is across the plane z = 0, or in it; None for other
+            models. Modes of both planes are counted apart.
     """
 
     speed: float
