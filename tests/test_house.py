@@ -18,8 +18,8 @@ LIMITS = {
     "modules in a folder": 17,
     "names with more than one meaning": 9,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 27380,
-    "lines of C++": 16702,
+    "lines of Python": 27376,
+    "lines of C++": 16701,
 }
 
 ROOT = Path(__file__).parents[1]

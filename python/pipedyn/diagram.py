@@ -41,7 +41,6 @@ from pipedyn.cycles.limit_cycle import (
     amplitude_of,
     as_symmetric,
     cycle_from,
-    in_space,
 )
 from pipedyn.equilibrium.equilibria import (
     EQUILIBRIA_DOF,
@@ -259,7 +258,7 @@ def bifurcation_diagram(
     rotating = found.rotating() if steps else ()
     motions: tuple[Attractor, ...] = ()
     for some in _sparse_first(at) if starts else ():
-        cases = _cases(model, some, branches, found.branches, rotating, starts)
+        cases = _cases(model, some, branches, found.in_space, rotating, starts)
         ended, reached = motions_at(model, cases, of_motions, failed)
         if steps:
             for one in reached:  # cycles that motions led to may lie on no branch
@@ -273,10 +272,10 @@ def bifurcation_diagram(
             rests = (bool(b.stable[b.speeds == u].any()) for b in branches)
             if u > 0.0 and not any(rests) and not any(passed):
                 found.through(u, found.model.bent(slight_bend))
+    cycle_branches = tuple(found.in_space)
     failed.sort(key=lambda one: one[0])
     places = {u: place for place, u in enumerate(at.tolist())}
     failures = tuple(Failure(places.get(u, -1), u, error) for u, error in failed)
-    cycle_branches = found.in_space() if model.axisymmetric else tuple(found.branches)
     return BifurcationDiagram(at, branches, cycle_branches, motions, failures, model, rotating)
 
 
@@ -301,7 +300,7 @@ def _seconds_left(
     if starts:
         begun = clock()
         some = at[np.linspace(0.0, at.size - 1.0, min(at.size, 6)).astype(int)]
-        cases = _cases(model, some, equilibria, first.branches, (), starts[:2])
+        cases = _cases(model, some, equilibria, first.in_space, (), starts[:2])
         motions_at(model, cases, replace(of_motions, executor=None, shown=False), [])
         seconds += (clock() - begun) * at.size / some.size * len(starts) / len(starts[:2])
     return seconds
@@ -373,7 +372,7 @@ def _cases(
             drive, found = Excitation(u), equilibria_near(model, guesses, u)
             for branch in cycles:
                 for one in branch.at(u):
-                    found.append(cycle(model, drive, *_in_whole(model, one)))
+                    found.append(cycle(model, drive, one.orbit, one.stable))
                     found += [found[-1].mirrored(False)] if branch.mirrored else []
             for circles in rotating:
                 for circle in circles.at(u):
@@ -422,22 +421,10 @@ def _start_near(model: Model, one: LimitCycle) -> Array:
 
     In three dimensions it is away from the plane of a cycle as well.
     """
-    p, rates = np.split(np.asarray(one.model.initial_state(one.q[0], one.qdot[0])), 2)
-    if one.model.dimensions != model.dimensions:
-        p, rates = model.from_plane(p), model.from_plane(rates)
+    p, rates = np.split(np.asarray(model.initial_state(one.q[0], one.qdot[0])), 2)
+    if one.across is not None:
         rates = rates + 0.01 * model.quarter_turn(rates)
     return np.concatenate(model.onto_constraints(1.01 * p, rates))
-
-
-def _in_whole(model: Model, one: LimitCycle) -> tuple[PeriodicOrbit, bool]:
-    """The orbit of a cycle and whether it attracts, in three dimensions if the model moves there.
-
-    There it is not known to attract unless its multipliers across the plane are computed.
-    """
-    if one.model.dimensions == model.dimensions:
-        return one.orbit, one.stable
-    whole = in_space(VectorField(model), one)
-    return whole.orbit, whole.stable
 
 
 def _branch_coordinates(branch: EquilibriumBranch, u: float) -> Array:
@@ -465,6 +452,7 @@ class _Cycles:
         self.whole, self.options, self.failed = whole, options, failed
         self.onsets: list[HopfPoint] = []
         self.found: list[Traced] = []
+        self._spatial: list[CycleBranch | None] = []  # one of each branch, in three dimensions
 
     @property
     def branches(self) -> list[CycleBranch]:
@@ -523,11 +511,18 @@ class _Cycles:
             branches.append(one)
         return tuple(branches)
 
-    def in_space(self) -> tuple[CycleBranch, ...]:
-        """The branches in three dimensions, with the stability across their plane."""
-        with one_thread(2 * self.whole.dof):
-            some = (branch_in_space(self.whole, one, self.failed) for one in self.branches)
-            return tuple(one for one in some if one is not None)
+    @property
+    def in_space(self) -> list[CycleBranch]:
+        """The branches of the whole model, in three dimensions with the stability across a plane.
+
+        Each is computed once.
+        """
+        if self.model is self.whole:
+            return self.branches
+        with one_thread(self.whole.dof):
+            for one in self.branches[len(self._spatial) :]:
+                self._spatial.append(branch_in_space(self.whole, one, self.failed))
+        return [made for made in self._spatial if made is not None]
 
     def _traced(self, begin: HopfPoint | PeriodicOrbit) -> tuple[list[Traced], list[Failed]]:
         """Branches from an onset, or through an orbit, except parts that are already known."""

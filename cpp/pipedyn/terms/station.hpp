@@ -93,7 +93,6 @@ struct NoLaw {
   }
 
   // Load, energy and power of a pipe that moves in three dimensions.
-  static constexpr bool exists_in_space = true;
   static constexpr bool reads_rotation = false;  // whether it reads the rotation vector there
   template <class Number>
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>&) const {

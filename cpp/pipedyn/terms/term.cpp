@@ -81,7 +81,7 @@ void require_space(const Pipe& pipe) {
   };
   for (const Term& term : pipe.terms) {
     Laws::with(term, [&]<class Law>(const Law& law) {
-      const bool known = law.exists_in_space && (law.applied || !Law::moves || states_space<Law>);
+      const bool known = law.applied || !Law::moves || states_space<Law>;
       if (!known) refuse(std::string("with ") + law.name);
     });
   }

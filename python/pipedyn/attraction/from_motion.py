@@ -11,7 +11,6 @@ import numpy as np
 
 from pipedyn.attraction.records import Stretch
 from pipedyn.models.base import Model
-from pipedyn.motion.sampling import farthest_direction
 from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.collocation import solved
 from pipedyn.orbits.floquet import LARGEST_ERROR, circle_margin, nontrivial, orbit_multipliers
@@ -154,8 +153,7 @@ def run_through_once(
     """
     order = motion.order if motion.forced else 0
     phases = np.linspace(0.0, 2.0 * math.pi, 8 * len(orbit.starts) + 1)
-    tips = motion.end(orbit.states(phases))[: motion.model.dimensions].T
-    across = tips @ farthest_direction(tips)
+    _, across, _ = motion.end_across(orbit.states(phases))
     most = int(np.count_nonzero((across[1:-1] >= across[:-2]) & (across[1:-1] > across[2:]))) + 1
     phases, times = np.linspace(0.0, 2.0 * math.pi, 17), order or most
     largest = within * np.ptp(orbit.starts)

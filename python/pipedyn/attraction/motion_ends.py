@@ -45,6 +45,7 @@ from pipedyn.equilibrium.rotating_motion import rotation_near
 from pipedyn.models.base import Model, loses_energy
 from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.space import SpatialModel
 from pipedyn.motion.integrator import Outcome, Task
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
 from pipedyn.motion.sampling import farthest_direction
@@ -606,10 +607,9 @@ def _seen_across(
     the axis changes nothing, states are turned so that this direction is x.
     """
     direction = farthest_direction(tips[len(tips) // 2 :])
-    if model.axisymmetric:
-        halves = np.split(states.T, 2)
-        turned = [direction[0] * p - direction[2] * model.quarter_turn(p) for p in halves]
-        states = np.ascontiguousarray(np.concatenate(turned).T)
+    if isinstance(model, SpatialModel) and model.axisymmetric:
+        angle = math.atan2(direction[2], direction[0])
+        states = np.ascontiguousarray(model.turned(states.T, -angle).T)
     return states, tips @ direction, velocities @ direction
 
 

@@ -26,7 +26,7 @@ from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.equilibrium.rotating_motion import motion_at, rotating_slopes
 from pipedyn.linear.neutral import decays
 from pipedyn.models.base import Model
-from pipedyn.motion.sampling import farthest_direction, maxima, turning_points
+from pipedyn.motion.sampling import maxima, turning_points
 from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.floquet_coordinates import (
     POINTS,
@@ -257,9 +257,7 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
     samples = SAMPLES_AN_INTERVAL * len(orbit.starts)
     states = orbit.states(np.linspace(0.0, 2.0 * math.pi, samples, endpoint=False))
     t = np.linspace(0.0, TURNING_PERIODS * period, TURNING_PERIODS * samples + 1)
-    tips, velocities = np.split(field.end(states), 2)
-    direction = farthest_direction(tips.T)
-    across, velocity = direction @ tips, direction @ velocities
+    _, across, velocity = field.end_across(states)
     turnings = turning_points(t, *(np.resize(values, t.size) for values in (across, velocity)))
     count = max(round((maxima(turnings).size + 1) / TURNING_PERIODS), 1)
     end = Attractor(drive.mean, -1, "periodic", count, turnings, states[:, 0].copy())

@@ -69,7 +69,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.newton import NewtonFailed, zero_between
 from pipedyn.util.parallel import Progress, one_thread, share_of_way
 from pipedyn.util.result import SPEED, Result, TableResult
 
@@ -108,8 +108,8 @@ followed, or the least gap of the speeds if that is smaller; the share of this w
 winding branch, for example one near a homoclinic orbit, is followed no further; and the number of
 steps after which it ends. Speeds that are closer together ask for narrower branches."""
 
-MOST_BISECTIONS = 25
-"""Largest number of times that an interval is halved in which cycles begin to leave their plane."""
+PLACE_OUT_OF_PLANE = 1e-6
+"""Relative error of a speed at which cycles begin to leave their plane."""
 
 GENERATIONS = 2
 """Number of generations of cycles that leave cycles that are followed: all of the first, then those
@@ -398,28 +398,23 @@ def _out_of_plane(
     known = {one.u: one for one in pair}
     low, high = min(known), max(known)
 
-    def leaves(u: float) -> bool:
+    def growth(u: float) -> float:
         if u not in known:
-            near = limit_cycle(motion.model.planar, u, plane, samples=SAMPLES_A_CYCLE)
-            known[u] = in_space(motion, near)
-        return _leaves_plane(known[u]) > 0.0
+            found = limit_cycle(motion.model.planar, u, plane, samples=SAMPLES_A_CYCLE)
+            known[u] = in_space(motion, found)
+        return _leaves_plane(known[u])
 
-    with suppress(PipedynError):
-        for _ in range(MOST_BISECTIONS):
-            middle = 0.5 * (low + high)
-            if leaves(middle) == leaves(low):
-                low = middle
-            else:
-                high = middle
-            if high - low <= 1e-6 * high:
-                break
-    at = min((known[low], known[high]), key=_leaves_plane)
+    speed, error = 0.5 * (low + high), 0.5 * (high - low)
+    near = PLACE_OUT_OF_PLANE * high
+    with suppress(PipedynError):  # else it is known to lie between the two
+        if error > near:
+            speed, error = zero_between(growth, low, high, near), near
+    at = max((one for one in known.values() if _leaves_plane(one) <= 0.0), key=_leaves_plane)
     assert at.across is not None
     passing = complex(nontrivial(at.across)[0])
     kind: EventKind = "torus"
     if abs(passing.imag) < 1e-3:
         kind = "branch point" if passing.real > 0.0 else "period doubling"
-    speed, error = 0.5 * (low + high), 0.5 * (high - low)
     return CycleEvent(kind, speed, error, passing / abs(passing), at.amplitude), at
 
 

@@ -16,7 +16,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from pipedyn import _core
 from pipedyn.attraction.from_motion import (
     CLOSELY,
     LARGEST_CYCLE,
@@ -48,9 +47,10 @@ from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.collocation import residual, solved
 from pipedyn.orbits.floquet import (
     MULTIPLIER_TOLERANCE,
+    all_multipliers,
     beyond_circle,
+    multipliers_by_plane,
     nontrivial,
-    orbit_multipliers,
 )
 from pipedyn.orbits.orbit_continuation import (
     COARSE,
@@ -160,8 +160,8 @@ class LimitCycle(PeriodicMotion):
         evaluations: number of right-hand sides and Jacobians.
         method: how the cycle was found.
         orbit: solution of the collocation equations, from which other searches start.
-        across: in three dimensions those multipliers, shape (dof,), whose perturbations leave the
-            plane of the cycle; None for a model that moves in a plane.
+        across: of a cycle in the plane z = 0 of a model in three dimensions those multipliers,
+            shape (dof,), whose perturbations leave that plane; None for other cycles.
 
     Example:
         >>> cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.0)
@@ -278,15 +278,14 @@ def in_space(motion: VectorField, plane: LimitCycle) -> LimitCycle:
                 )
         except NewtonFailed as failure:
             raise NotConverged(f"the cycle at u = {plane.u:g} fails its check: {failure}") from None
-    # The planar multipliers are among those in space; the others belong to motions across.
-    apart = np.abs(plane.multipliers[:, None] - found.multipliers)
-    apart = np.concatenate([apart, np.zeros_like(apart)])
-    across = found.multipliers[_core.assignment(apart)[len(plane.multipliers) :]]
-    across = across[np.argsort(-np.abs(across), kind="stable")]
-    leaves = (beyond_circle(nontrivial(across), found.multiplier_error) > 0.0).any()
-    stable, evaluations = plane.stable and not leaves, plane.evaluations + found.evaluations
-    kept: dict[str, Any] = {"residual": plane.residual, "evaluations": evaluations}
-    return replace(found, across=across, stable=stable, **kept)
+    assert found.across is not None
+    leaves = (beyond_circle(nontrivial(found.across), found.multiplier_error) > 0.0).any()
+    return replace(
+        found,
+        stable=plane.stable and not leaves,
+        residual=plane.residual,
+        evaluations=plane.evaluations + found.evaluations,
+    )
 
 
 # ---------------------------------------------------------------------------------- beginnings
@@ -577,7 +576,7 @@ def amplitude_across(motion: VectorField, orbit: PeriodicOrbit) -> float:
 
 def tip_direction(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Direction across the pipe in which the free end moves farthest, a unit vector."""
-    return farthest_direction(motion.end(orbit.states(PROBES))[: motion.model.dimensions].T)
+    return motion.end_across(orbit.states(PROBES))[0]
 
 
 def extent_along(
@@ -649,13 +648,14 @@ def cycle_on_mesh(
     tolerance: float = MULTIPLIER_TOLERANCE,
     peak: tuple[float, float] | None = None,
 ) -> LimitCycle:
-    """The cycle of an orbit on its mesh; raises `NewtonFailed` as `orbit_multipliers` does.
+    """The cycle of an orbit on its mesh; raises `NewtonFailed` as `multipliers_by_plane` does.
 
     peak: what `amplitude_of` gives, if it is known.
     """
     amplitude, first = peak or amplitude_of(motion, orbit)
     t, q, qdot = one_period(motion, orbit, samples, first)
-    multipliers, _, change = orbit_multipliers(motion, orbit, tolerance)
+    planes, change = multipliers_by_plane(motion, orbit, tolerance)
+    multipliers, _ = all_multipliers(planes)
     # Rounding of the eigenvalues of matrices of this size leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     return LimitCycle(
@@ -677,4 +677,5 @@ def cycle_on_mesh(
         evaluations=motion.evaluations,
         method=f"collocation, {how}",
         orbit=orbit,
+        across=planes[1][0] if len(planes) == 2 else None,
     )

@@ -33,6 +33,7 @@ from pipedyn.equilibrium.hopf import HopfPoint, hopf
 from pipedyn.linear.neutral import beyond_rounding, growth
 from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
+from pipedyn.models.space import SpatialModel
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -194,9 +195,7 @@ def rotating_motion(model: Model, u: float) -> RotatingMotion:
     """
     checked_model_in_motion(model, largest=200, purpose="rotating_motion", symmetric=True)
     check.instance("model", model, Model, "a model in three dimensions")
-    if not model.axisymmetric:
-        model.quarter_turn(np.zeros(model.integrated))  # refuses planar models
-        raise ValueError(f"model must be the same in all directions, got {model!r}")
+    model.quarter_turn(np.zeros(model.integrated))  # refuses planar models
     u = steady_speed("u", u, open_low=True)
     with one_thread(2 * model.integrated):
         onset = hopf(model.planar)
@@ -340,14 +339,14 @@ def rotation_near(model: Model, state: Array, u: float) -> Array:
     Raises:
         NewtonFailed: if the state does not rotate or Newton's method leads far away.
     """
+    assert isinstance(model, SpatialModel)
     q, rates = np.split(state, 2)
     turned = model.quarter_turn(q)
     w = float(turned @ rates) / max(float(q @ q), 1e-300)
     if np.linalg.norm(rates - w * turned) > ROTATES * np.linalg.norm(rates):
         raise NewtonFailed("the motion is not circular")
     last = model.integrated - 1
-    angle = math.atan2(q[last], q[last // 2])
-    q = math.cos(angle) * q - math.sin(angle) * model.quarter_turn(q)
+    q = model.turned(q, -math.atan2(q[last], q[last // 2]))
     problem = DenseProblem(partial(_equations, model), q.size + 1, 1.0, ROTATING_STEPS)
     found = problem.fixed(np.concatenate([q, [w, u]]), u)
     if np.linalg.norm(found[: q.size] - q) > ROTATES * np.linalg.norm(q):

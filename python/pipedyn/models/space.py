@@ -7,6 +7,7 @@ along (x, y, z) with rho = hypot(a_x, a_z); x and z are across the straight pipe
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,6 +35,8 @@ from pipedyn.util.check import Array
 SMALL_TURN = 1e-8
 """Square of an angle below which sin(rho) / rho and its derivative are 1 and -1/3 to rounding."""
 
+FAST = 1e10
+"""Size of rates beside whose kinetic energy all other energy is rounding."""
 
 IN_PLANE = 1e-9
 """Largest part of a configuration across a plane, relative to 1 plus its size, that is rounding."""
@@ -61,10 +64,6 @@ def turning(q: Array, qdot: NDArray[Any]) -> NDArray[Any]:
     return np.stack(
         [share * b_x + slope * radial * a_x, -share * radial, share * b_z + slope * radial * a_z]
     )
-
-
-FAST = 1e10
-"""Size of rates beside whose kinetic energy all other energy is rounding."""
 
 
 def in_first_chart(q: Array, qdot: Array, signs: Array) -> tuple[Array, Array]:
@@ -176,16 +175,12 @@ class SpatialModel(MeetsSupports, Model):
         """Coordinates p, (dof, ...), from those of `planar`, which moves in the plane z = 0."""
         return np.concatenate([p, np.zeros_like(p)])
 
-    def azimuth(self, p: Array) -> Array:
-        """Angles from x towards z, (...), of the planes nearest to configurations p, (dof, ...)."""
-        x, z = np.split(p, 2)
-        return np.asarray(0.5 * np.arctan2(2.0 * (x * z).sum(axis=0), (x**2 - z**2).sum(axis=0)))
-
     def _towards_plane(self, p: Array) -> tuple[Array, Array]:
         """Parts of p in the plane z = 0 and across it, after the turn that is allowed."""
-        if self.axisymmetric:
-            p = self.turned(p, -float(self.azimuth(p)))
         x, z = np.split(p, 2)
+        if self.axisymmetric:  # the plane nearest to p becomes z = 0
+            angle = 0.5 * math.atan2(2.0 * float(x @ z), float(x @ x - z @ z))
+            x, z = np.split(self.turned(p, -angle), 2)
         return x, z
 
     def nearest_in_plane(self, p: Array) -> Array:

@@ -38,10 +38,13 @@ def farthest_direction(positions: Array) -> Array:
     Positions are (x, y), shape (S, 2), where it is (1, 0), or (x, y, z), shape (S, 3), where z is
     0 for motions in the plane z = 0, and for those that are nearly circular.
     """
-    direction = np.zeros(positions.shape[1])
+    direction = np.eye(positions.shape[1])[0]
+    if len(direction) == 2:
+        return direction
     across = positions[:, ::2] - positions[:, ::2].mean(axis=0)
     _, sizes, ways = np.linalg.svd(across, full_matrices=False)
-    direction[::2] = ways[0] if sizes[-1] < ROUND * sizes[0] else np.eye(len(ways))[0]
+    if sizes[-1] < ROUND * sizes[0]:
+        direction[::2] = ways[0]
     return direction * np.sign(direction[np.abs(direction).argmax()])
 
 

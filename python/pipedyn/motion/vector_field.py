@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from pipedyn.models.base import BASE_ROWS, ROWS, Model
 from pipedyn.models.drive import TRIED, AppliedForces, Force, Harmonic, Pulsation
 from pipedyn.models.reduced_supports import STENCIL
+from pipedyn.motion.sampling import farthest_direction
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import count_right_hand_sides
@@ -161,6 +162,15 @@ class VectorField:
             NotResolved: for states that the model does not resolve.
         """
         return self.model.end_motion(y)
+
+    def end_across(self, y: Array) -> tuple[Array, Array, Array]:
+        """Direction across the pipe in which the free end moves farthest over k states, (k,) each.
+
+        The direction, a unit vector, is followed by the positions and the velocities along it.
+        """
+        tips, velocities = np.split(self.end(y), 2)
+        direction = farthest_direction(tips.T)
+        return direction, direction @ tips, direction @ velocities
 
 
 @saved_as("ForcedField")

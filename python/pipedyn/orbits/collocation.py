@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.continuation.arclength import EVERY, Continuation, Control, Solver
-from pipedyn.motion.sampling import farthest_direction
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.periodic_orbit import (
     BETWEEN,
@@ -321,8 +320,7 @@ class OrbitProblem(Continuation):
 def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
     """The `unit` of an `OrbitProblem` on an orbit."""
     states = orbit.states(PROBES)
-    positions, tips = states[: motion.half], motion.end(states)[: motion.model.dimensions].T
-    across = tips @ farthest_direction(tips)
+    positions, (_, across, _) = states[: motion.half], motion.end_across(states)
     centred = positions - positions.mean(axis=1, keepdims=True)
     size = math.sqrt(float(np.mean(np.sum(centred**2, axis=0))))
     # The free end may be held, so its motion may be 0.
