@@ -38,6 +38,7 @@ def methods() -> None:
     print("| model | delta | members | 1e-3 | 1e-5 | 1e-7 | auto | costs | error |")
     print("|---|---|---|---|---|---|---|---|---|")
     makes: dict[str, Callable[[pp.Pipe], Any]] = {
+        "chain, n = 3": lambda pipe: pp.Chain(pipe, 3),
         "chain, n = 5": lambda pipe: pp.Chain(pipe, 5),
         "chain, n = 20": lambda pipe: pp.Chain(pipe, 20),
         "chain with drag, n = 12": lambda pipe: pp.Chain(replace(pipe, drag=1.0), 12),
@@ -50,7 +51,7 @@ def methods() -> None:
     for name, make in makes.items():
         for delta in (0.0, 1e-4, 1e-3, 1e-2):
             model = make(pp.Pipe(0.2, damping=delta))
-            for members in (1, 32):
+            for members in (1, 4, 32):
                 fastest = max(fastest_rates(model))
                 if members > 1 and (model.integrated > 20 or "scene" in name):
                     continue

@@ -68,9 +68,9 @@ MOST_CALLS = 1e8
 segments and an hour with 1000."""
 
 BATCHED, BATCH_DECAY = 8, 2.0
-"""Least number of members for which explicit steps of a batch are cheaper than implicit steps of
-one member after the other; and the ratio of fastest decay to highest frequency above which implicit
-steps are cheaper nevertheless. Both are measured, see `choose_method`."""
+"""Number of members from which explicit steps of a batch are cheaper than implicit steps of one
+member after the other, for models of any size; and the ratio of fastest decay to highest frequency
+above which implicit steps are cheaper nevertheless. Both are measured, see `choose_method`."""
 
 LARGEST_IMPLICIT = 1000
 """Largest number of degrees of freedom for which methods with dense factorisations are chosen. Four
@@ -472,14 +472,16 @@ def choose_method(model: Model, members: int = 1, dense: bool = False) -> str:
     and without damping mostly 1.2 to 4 times. If decay is slow, explicit steps are taken for
     members of a chain or scene that advance together and so fill the vectors by themselves.
     Measured with 8 to 64 members of 4 to 40 segments, the method chosen costs at most 1.9 times the
-    cheaper one; for reduced models, 1.4 times. `tests/benchmark_simulate.py` repeats the
-    measurement.
+    cheaper one; for reduced models, 1.4 times. Few segments have short implicit steps, so that two
+    members of 2 to 4 segments and three of 5 are enough: at equal error explicit steps cost 0.5 to
+    0.95 times as much. `tests/benchmark_simulate.py` repeats the measurement.
 
     `dense` means that implicit steps would factorise full Jacobians, as they do at constant head.
     """
     if (dense or model.calls_python) and model.integrated > LARGEST_IMPLICIT:
         return "dop853"
-    if members < BATCHED or isinstance(model.core, _core.Galerkin):
+    enough = min(BATCHED, max(2, model.integrated - 2))
+    if members < enough or isinstance(model.core, _core.Galerkin):
         return "radau"
     if not (model.pipe.damping or model.resisted):
         return "dop853"

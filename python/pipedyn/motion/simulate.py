@@ -99,8 +99,9 @@ COORDINATES_AT_ONCE = 16_000
 """Number of coordinates in the states whose energies are computed at once: the processor's caches
 hold them."""
 
-VECTOR = 4
-"""Number of members that the core's vectors hold: this many take no longer than one."""
+VECTOR = 8
+"""Number of members that the core's vectors hold: twice as many batches of half as many members
+take longer, by up to 1.7 times with AVX-512 and not with AVX2."""
 
 
 class Trajectory(Configurations):
