@@ -975,3 +975,22 @@ def test_numbers_across_the_plane_are_converted_kept_and_checked(tmp_path):
             pp.Pipe(0.2, terms=[pp.Spring(0.5, 20.0, stiffness_across=wrong)])
     with pytest.raises(TypeError, match="stiffness_across must"):
         pp.Spring(0.5, 20.0, "a")
+
+
+@pytest.mark.parametrize("kind", ["chain", "reduced"])
+def test_a_ring_around_the_straight_pipe_is_not_felt_by_small_motions(kind):
+    bare = pp.Pipe(0.2, terms=[pp.PointMass(0.5, 0.0)])  # which gives the same functions
+    ringed = pp.Pipe(0.2, terms=[pp.Stop(0.5, 0.05, 100.0)])
+    free, held = (
+        pp.Chain(pipe, 5, dimensions=3)
+        if kind == "chain"
+        else pp.Galerkin(pipe, 5, "legendre", dimensions=3)
+        for pipe in (bare, ringed)
+    )
+    straight = np.zeros(20)
+    assert held.jacobian(0.0, straight, 5.0) == pytest.approx(
+        free.jacobian(0.0, straight, 5.0), rel=1e-9, abs=1e-9
+    )
+    first, second = pp.hopf(held), pp.hopf(free)
+    assert (first.own, first.other) == pytest.approx((second.own, second.other), rel=1e-4)
+    assert pp.bifurcation_diagram(held, [4.0, 4.5]).equilibria[0].stable.all()

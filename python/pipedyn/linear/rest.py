@@ -30,7 +30,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import PointMass, Term
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_right_hand_sides
-from pipedyn.util.errors import NotConverged
+from pipedyn.util.errors import NotConverged, NotResolved
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import one_thread
 
@@ -271,7 +271,8 @@ class _RestTracer(Tracer[DenseProblem]):
     """Tracer of the rest that follows the speed, which passes its steps to a function."""
 
     def __init__(self, end: float, noted: Callable[[Segment[DenseProblem]], str | None]) -> None:
-        super().__init__([(-1, 0.0, end)], MOST_RESTS)
+        failing = NewtonFailed, NotResolved  # in space at a rest to which only a plane leads
+        super().__init__([(-1, 0.0, end)], MOST_RESTS, failing)
         self.noted = noted
 
     def note(self, step: Segment[DenseProblem]) -> str | None:

@@ -31,6 +31,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.models.reduced_supports import MeetsSupports, ReducedSupports
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotResolved
 
 SMALL_TURN = 1e-8
 """Square of an angle below which sin(rho) / rho and its derivative are 1 and -1/3 to rounding."""
@@ -298,6 +299,8 @@ class SpatialModel(MeetsSupports, Model):
         rest = self._reference if q is None else self._in_plane(q)
         if rest is None or not rest.any():
             return self._both(lambda planar: planar.operators())
+        if why := self.beyond_reach(np.split(rest, 2)[0]):
+            raise NotResolved.of_states("operators", (0,), None, why)
         return self._with_loss(lambda model: model._about_bent(rest))
 
     def _about_bent(self, rest: Array) -> Operators:
