@@ -274,6 +274,17 @@ def test_equilibria_wound_by_more_than_half_a_turn_are_those_of_a_plane_alone(
         assert np.abs(model.rhs(0.0, np.append(q, 0.0 * q), u)).max() < 1e-9
 
 
+def test_a_jet_at_an_angle_out_of_a_hinge_has_a_plane_of_its_own():
+    pipe = pp.Pipe(0.2, jet_angle=0.6, end="pinned", damping=0.01)
+    chain = pp.Chain(pipe, 5, dimensions=3)
+    assert not chain.axisymmetric
+    found = pp.equilibria(chain, 6.5).q
+    assert np.count_nonzero(found.any(axis=1)) >= 2
+    for q in found:
+        turned = chain.turned(np.append(q, 0.0 * q), 1.0)
+        assert q.any() == (np.abs(chain.rhs(0.0, turned, 6.5)).max() > 1.0)
+
+
 def test_a_search_along_a_rest_that_winds_up_in_its_plane_keeps_what_it_found():
     chain = pp.Chain(pp.Pipe(0.2, jet_angle=1.0), 3, dimensions=3)
     known = pp.crossings(chain, 5.0)

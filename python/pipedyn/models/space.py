@@ -170,7 +170,10 @@ class SpatialModel(MeetsSupports, Model):
     @property
     def axisymmetric(self) -> bool:
         """Whether every motion turned about the axis is a motion."""
-        return self._pipe.symmetric_about_axis
+        pipe = self._pipe
+        # A jet at an angle out of a hinge pushes it along the axis, more on one side than the other.
+        lopsided = pipe.end == "pinned" and pipe.alpha * abs(math.sin(pipe.jet_angle)) > 1e-15
+        return pipe.symmetric_about_axis and not lopsided
 
     def from_plane(self, p: Array) -> Array:
         """Coordinates p, (dof, ...), from those of `planar`, which moves in the plane z = 0."""
