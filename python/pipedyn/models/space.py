@@ -171,7 +171,7 @@ class SpatialModel(MeetsSupports, Model):
     def axisymmetric(self) -> bool:
         """Whether every motion turned about the axis is a motion."""
         pipe = self._pipe
-        # A jet at an angle out of a hinge pushes it along the axis, more on one side than the other.
+        # A jet at an angle out of a hinge pushes it along the axis, harder on one side.
         lopsided = pipe.end == "pinned" and pipe.alpha * abs(math.sin(pipe.jet_angle)) > 1e-15
         return pipe.symmetric_about_axis and not lopsided
 
