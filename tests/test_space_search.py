@@ -298,6 +298,16 @@ def test_a_search_along_a_rest_that_winds_up_in_its_plane_keeps_what_it_found():
         pp.equilibria(chain.with_pipe(pp.Pipe(0.2, jet_angle=1.0)), 9.0)
 
 
+def test_a_planar_cycle_whose_joints_turn_over_is_none_of_a_chain_in_space():
+    chain = pp.Chain(pp.Pipe(0.2, damping=0.01), 2, dimensions=3)
+    planar = pp.limit_cycle(chain.planar, 9.0)
+    assert np.abs(np.diff(planar.q, axis=1, prepend=0.0)).max() > np.pi
+    with pytest.raises(pp.NotConverged, match="is none in space: a joint turns by") as refused:
+        pp.limit_cycle(chain, 9.0)
+    assert refused.value.result.frequency == planar.frequency
+    assert pp.limit_cycle(chain, 6.0).across is not None
+
+
 def test_a_pipe_on_a_free_hinge_without_weight_is_searched_although_it_turns_freely():
     found = pp.equilibria(pp.Chain(pp.Pipe(0.2, root="pinned"), 3), 3.0)
     assert not found.complete
