@@ -203,8 +203,8 @@ class BranchOfRest:
         return points[-1].x
 
     def _buckles(self, x: Array, u: float) -> bool:
-        """Whether a root grows without oscillation about a rest."""
-        values = self.eigenvalues(x, u)
+        """Whether a root grows in the plane of rest without oscillation, as past a fold."""
+        values = self.roots(x, u, 0)
         return bool((grows(values) & (values.imag == 0.0)).any())
 
     def following(
@@ -249,7 +249,8 @@ class BranchOfRest:
             reason = self.following(u, note, share=share)
             if reason == "range" and not self._buckles(last[0].x, u):
                 break
-            if last and np.abs(last[0].z - before).max() < SAME_REST:
+            same = bool(last) and np.abs(last[0].z - before).max() < SAME_REST
+            if same and reason != "range":  # else steps of two lengths may jump alike
                 break
         if reason != "range":
             raise NotConverged(lost_rest(reason, last[0].p if last else 0.0, u))
