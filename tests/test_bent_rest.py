@@ -279,3 +279,16 @@ def test_the_inclination_is_weighed_among_the_effects():
     hanging = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, 10.0, damping=1e-3))).speed
     assert found["inclination"].answer.values[0] == pytest.approx(hanging, rel=1e-3)
     assert "the pipe at rest grows by" in str(found)
+
+
+@pytest.mark.parametrize(("gamma", "at", "load"), [(0.0, 0.2, 0.003), (17.0, 1.0, 0.001)])
+@pytest.mark.filterwarnings("ignore::pipedyn.FluttersAcross")
+def test_a_pipe_that_buckles_is_asked_about_the_side_that_its_small_load_chooses(gamma, at, load):
+    # Long steps of two lengths jump alike to the other branch, nearly straight and unstable.
+    pipe = pp.Pipe(0.2, gamma, damping=0.08, end="guided", terms=[pp.Load(at, (load, 0.0))])
+    model = pp.Galerkin(pipe, 5)
+    found = pp.equilibria(model, 5.0)
+    stable = [model.about(q) for q in found.q[found.stable] if model.tip(q)[0] * load > 0.0]
+    lowest = pp.eigenvalues(model, 5.0, 4)
+    assert lowest.real.max() < 0.0
+    assert any(lowest == pytest.approx(pp.eigenvalues(one, 5.0, 4), rel=1e-6) for one in stable)

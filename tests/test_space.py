@@ -975,3 +975,47 @@ def test_numbers_across_the_plane_are_converted_kept_and_checked(tmp_path):
             pp.Pipe(0.2, terms=[pp.Spring(0.5, 20.0, stiffness_across=wrong)])
     with pytest.raises(TypeError, match="stiffness_across must"):
         pp.Spring(0.5, 20.0, "a")
+
+
+@pytest.mark.parametrize("kind", ["chain", "reduced"])
+def test_a_ring_around_the_straight_pipe_is_not_felt_by_small_motions(kind):
+    bare = pp.Pipe(0.2, terms=[pp.PointMass(0.5, 0.0)])  # which gives the same functions
+    ringed = pp.Pipe(0.2, terms=[pp.Stop(0.5, 0.05, 100.0)])
+    free, held = (
+        pp.Chain(pipe, 5, dimensions=3)
+        if kind == "chain"
+        else pp.Galerkin(pipe, 5, "legendre", dimensions=3)
+        for pipe in (bare, ringed)
+    )
+    straight = np.zeros(20)
+    assert held.jacobian(0.0, straight, 5.0) == pytest.approx(
+        free.jacobian(0.0, straight, 5.0), rel=1e-9, abs=1e-9
+    )
+    first, second = pp.hopf(held), pp.hopf(free)
+    assert (first.own, first.other) == pytest.approx((second.own, second.other), rel=1e-4)
+    assert pp.bifurcation_diagram(held, [4.0, 4.5]).equilibria[0].stable.all()
+
+
+@pytest.mark.parametrize("gap", [0.02, 0.1])
+def test_a_pipe_whirls_within_a_ring_and_on_beyond_the_contact_with_it(gap):
+    chain = pp.Chain(pp.Pipe(0.2, damping=0.002, terms=[pp.Stop(0.6, gap, 300.0)]), 5, dimensions=3)
+    (branch,) = pp.bifurcation_diagram(chain, [5.5, 6.0]).rotating
+    found = pp.rotating_motion(chain, 6.0)
+    assert [one.radius for one in branch.at(6.0)] == pytest.approx([found.radius], rel=1e-9)
+    free = pp.rotating_motion(chain.with_pipe(pp.Pipe(0.2, damping=0.002)), 6.0)
+    assert found.radius < 0.95 * free.radius  # the ring is met
+    motion = pp.simulate(chain, 6.0, 1.0, found.q, found.qdot, rtol=1e-10)
+    radii = np.hypot(motion.tip[:, 0], motion.tip[:, 2])
+    assert radii == pytest.approx(found.radius, rel=1e-8)
+    phase = np.unwrap(np.arctan2(motion.tip[:, 2], motion.tip[:, 0]))
+    assert np.ptp(phase) == pytest.approx(found.frequency, rel=1e-8)
+
+
+def test_circular_motions_that_turn_back_below_the_range_of_speeds_come_into_it_later():
+    pipe = pp.Pipe(0.2, damping=0.002, terms=[pp.Stop(0.6, 0.02, 300.0)])
+    chain = pp.Chain(pipe, 5, dimensions=3)
+    (branch,) = pp.bifurcation_diagram(chain, [5.5, 6.0]).rotating
+    assert [one.kind for one in branch.points] == ["fold", "fold"]
+    assert branch.points[1].speed < branch.onset < branch.points[0].speed < 5.5
+    assert branch.end == "range"
+    assert len(branch.at(5.5)) == len(branch.at(6.0)) == 1

@@ -252,3 +252,63 @@ def test_a_diagram_of_a_level_pipe_follows_cycles_that_leave_its_plane():
     planar = pp.limit_cycle(LEVEL.planar, 6.2)
     assert within.at(6.2)[0].amplitude == pytest.approx(planar.amplitude, rel=1e-5)
     assert [event.kind for event in across.events][:2] == ["hopf", "branch point"]
+
+
+# --------------------------------------------------------------------- what only a plane has
+
+
+@pytest.mark.parametrize(
+    ("model", "u", "of_plane", "in_space"),
+    [
+        (pp.Chain(pp.Pipe(0.2, -60.0), 2, dimensions=3), 1.0, 9, 3),
+        (pp.Galerkin(pp.Pipe(0.2, -150.0), 4, "legendre", dimensions=3), 1.0, 5, 2),
+    ],
+)
+def test_equilibria_wound_by_more_than_half_a_turn_are_those_of_a_plane_alone(
+    model, u, of_plane, in_space
+):
+    found, planar = pp.equilibria(model, u), pp.equilibria(model.planar, u)
+    assert (len(planar.q), len(found.q), found.complete) == (of_plane, in_space, False)
+    assert "of a plane left out" in found.search
+    for q in found.q:
+        assert np.abs(model.rhs(0.0, np.append(q, 0.0 * q), u)).max() < 1e-9
+
+
+def test_a_jet_at_an_angle_out_of_a_hinge_has_a_plane_of_its_own():
+    pipe = pp.Pipe(0.2, jet_angle=0.6, end="pinned", damping=0.01)
+    chain = pp.Chain(pipe, 5, dimensions=3)
+    assert not chain.axisymmetric
+    found = pp.equilibria(chain, 6.5).q
+    assert np.count_nonzero(found.any(axis=1)) >= 2
+    for q in found:
+        turned = chain.turned(np.append(q, 0.0 * q), 1.0)
+        assert q.any() == (np.abs(chain.rhs(0.0, turned, 6.5)).max() > 1.0)
+
+
+def test_a_search_along_a_rest_that_winds_up_in_its_plane_keeps_what_it_found():
+    chain = pp.Chain(pp.Pipe(0.2, jet_angle=1.0), 3, dimensions=3)
+    known = pp.crossings(chain, 5.0)
+    with pytest.raises(pp.NotConverged, match="joints in space by less than pi") as stopped:
+        pp.crossings(chain, 20.0)
+    assert [one.speed for one in stopped.value.result] == pytest.approx([known[0].speed])
+    branch = pp.equilibrium_branch(chain, np.zeros(6), 0.0, (0.0, 12.0))
+    assert branch.ends == ("range", "not converged")
+    assert branch.points[0].speed == pytest.approx(known[0].speed)
+    with pytest.raises(pp.NotConverged, match="joint turns"):
+        pp.equilibria(chain.with_pipe(pp.Pipe(0.2, jet_angle=1.0)), 9.0)
+
+
+def test_a_planar_cycle_whose_joints_turn_over_is_none_of_a_chain_in_space():
+    chain = pp.Chain(pp.Pipe(0.2, damping=0.01), 2, dimensions=3)
+    planar = pp.limit_cycle(chain.planar, 9.0)
+    assert np.abs(np.diff(planar.q, axis=1, prepend=0.0)).max() > np.pi
+    with pytest.raises(pp.NotConverged, match="is none in space: a joint turns by") as refused:
+        pp.limit_cycle(chain, 9.0)
+    assert refused.value.result.frequency == planar.frequency
+    assert pp.limit_cycle(chain, 6.0).across is not None
+
+
+def test_a_pipe_on_a_free_hinge_without_weight_is_searched_although_it_turns_freely():
+    found = pp.equilibria(pp.Chain(pp.Pipe(0.2, root="pinned"), 3), 3.0)
+    assert not found.complete
+    assert found.residuals.max() < 1e-9

@@ -38,10 +38,10 @@ struct Stop : NoLaw {
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
     if (k_z >= 0.0) return {{push(k, at.r.x), Number{}, push(k_z, at.r.z)}};
     const Space<Number> apart = off_axis(at.r);
-    const Number distance = root_of(dot(apart, apart));
-    // 1e-300 only avoids 0 / 0 on the axis, where the overlap is 0.
-    const Number share = inverse_of(Number(distance + 1e-300)) * twice_overlap(distance, gap);
-    return {(-0.5 * k * share) * apart};
+    const Number twice = twice_overlap(root_of(dot(apart, apart)), gap);
+    // The divisor is the distance from the axis beyond the ring, and the gap within it, where the
+    // overlap and its derivatives are 0.
+    return {(-0.5 * k * (twice * inverse_of(Number(gap + 0.5 * twice)))) * apart};
   }
   template <class Number>
   Number energy_in_space(const SpatialStation<Number>& at) const {

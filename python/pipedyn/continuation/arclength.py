@@ -52,6 +52,7 @@ class Control:
     longest: float  # longest step along the branch
     shortest: float = 1e-7  # length of a step below which the branch is given up
     turn: float = 0.35  # largest angle between neighbouring tangents, rad; else the step is halved
+    corner: float = 0.0  # length of a step below which tangents may turn by up to a right angle
     tolerance: float = 1e-12  # size of a Newton step that ends the iteration
     stagnation: float = 1e-8  # size that suffices where rounding keeps steps from shrinking
     iterations: int = 15  # largest number of Newton steps
@@ -209,7 +210,7 @@ class Continuation(ABC):
                 found = self.at(start, step, ahead(step) if ahead is not None else None)
                 straight = self.product(start.tangent, found.tangent)
                 straight = min(straight, step / self.length(found.z - start.z))
-                if straight >= math.cos(control.turn):
+                if straight >= (math.cos(control.turn) if step >= control.corner else 0.0):
                     break
             except NewtonFailed as error:
                 reason = error

@@ -195,7 +195,7 @@ class Tracer(Generic[Equations]):
         self,
         limits: Iterable[tuple[int, float, float]] = (),
         most: int = 1000,
-        failing: type[Exception] | tuple[()] = NewtonFailed,
+        failing: type[Exception] | tuple[type[Exception], ...] = NewtonFailed,
     ) -> None:
         self.limits, self.most, self.failing = list(limits), most, failing
 

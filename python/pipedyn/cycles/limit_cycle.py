@@ -268,6 +268,10 @@ def limit_cycle(
 def in_space(motion: VectorField, plane: LimitCycle) -> LimitCycle:
     """The cycle of the planar model as one in three dimensions, with its multipliers there."""
     orbit = plane.orbit
+    reasons = map(motion.model.beyond_reach, orbit.starts[:, : orbit.half])
+    if why := next(filter(None, reasons), ""):
+        what = f"the cycle of a plane at u = {plane.u:g} is none in space"
+        raise NotConverged(f"{what}: {why}", plane)
     whole = orbit.in_space(motion.model)
     peak = plane.amplitude, amplitude_of(VectorField(plane.model), orbit)[1]
     with one_thread(motion.size):

@@ -29,7 +29,7 @@ from pipedyn.motion.vector_field import VectorField
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.errors import NotConverged, NotResolved, PipedynError
 from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import RATE, Result, TableResult, numbered_columns
@@ -195,7 +195,8 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     small motions in this plane and across it. If no load acts across the pipe, all planes through
     the axis are alike: each bent equilibrium stands for all that a turn about the axis makes of
     it, and the eigenvalue 0 of that turn does not count. Equilibria that leave the plane of a load
-    are not looked for.
+    are not looked for. Those in which a joint of a chain, or a tangent of a reduced model, turns by
+    more than pi are left out, and `search` says so.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -245,7 +246,11 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
 
         found.sort(key=place)  # mirror images are neighbours, that with its tip to the right first
         xs = np.array(found)
-        xs = xs[~statics.turned_alike(xs)]
+        every = xs[~statics.turned_alike(xs)]
+        xs = every[[not model.beyond_reach(x) for x in every]]
+        if not len(xs):
+            why = model.beyond_reach(every[0])
+            raise NotConverged(f"no equilibrium was found at u = {u:g}: in that of a plane {why}")
         values = [statics.eigenvalues(x, u) for x in xs]
         residuals = np.array([statics.unbalanced(x, u) for x in xs])
         stable = np.array([is_stable(one) for one in values])
@@ -269,6 +274,9 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     kept, complete, search = resolved & valid, solutions.complete, solutions.search
     if statics.model.dimensions == 3 and not statics.model.axisymmetric:
         complete, search = False, f"{search}; none that leaves the plane z = 0 was looked for"
+    if far := len(every) - len(xs):
+        why = model.beyond_reach(next(x for x in every if model.beyond_reach(x)))
+        complete, search = False, f"{search}; {far} of a plane left out, for instance as {why}"
     answer = Equilibria(**rows(kept), u=u, model=model, complete=complete, search=search)
     if not kept.all():
         answer = replace(answer, discarded=replace(answer, **rows(~kept)))
@@ -322,7 +330,8 @@ class Statics(BranchOfRest):
         try:
             found = np.linalg.solve(derivative, -residuals[:, :, None])
         except np.linalg.LinAlgError:  # with a shift, rows that are not singular go on
-            shifted = derivative + 1e-12 * np.eye(self.size)
+            shift = 1e-12 * (1.0 + np.abs(derivative).max())
+            shifted = derivative + shift * np.eye(self.size)
             found = np.linalg.solve(shifted, -residuals[:, :, None])
         return np.asarray(found[:, :, 0])
 
@@ -873,7 +882,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
     def __init__(
         self, statics: Statics, start: Point, longest: float, speeds: tuple[float, float]
     ) -> None:
-        super().__init__([(-1, *speeds)], MOST_POINTS // 2)
+        super().__init__([(-1, *speeds)], MOST_POINTS // 2, (NewtonFailed, NotResolved))
         self.statics, self.longest = statics, longest
         self.points, self.growth = [start], [self._growth(start)]
         self.changes: list[BranchPoint] = []

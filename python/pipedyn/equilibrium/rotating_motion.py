@@ -54,8 +54,8 @@ ROTATES = 0.1
 """Largest share of the rates of a state that is no rotation where a circular motion is near, and
 largest relative distance of its shape."""
 
-ROTATING_STEPS = Control(longest=0.2, shortest=1e-9)
-"""How steps along the branch are taken."""
+ROTATING_STEPS = Control(longest=0.2, shortest=1e-9, corner=1e-6)
+"""How steps along the branch are taken, which has a corner where the pipe meets a stop."""
 
 
 @saved_as("RotatingMotion")
@@ -225,11 +225,15 @@ def rotating_branch(
     Raises:
         NewtonFailed: if no circular motion is found beside the onset.
     """
-    tracer = _RotatingTracer(model, onset, speeds, marks)
+    low, high = speeds  # a branch that begins below may turn back before it comes to them
+    within = (low if low <= onset.speed else 0.0, high)
+    tracer = _RotatingTracer(model, onset, within, marks)
     _, end, why = tracer.followed()
     if not tracer.path:
         if why:
             raise NewtonFailed(why)
+        return None
+    if end == "range" and not any(low <= z[-1] <= high for z in tracer.path):
         return None
     motions = tuple(motion_at(model, z) for z in tracer.path)
     return RotatingBranch(motions, tuple(tracer.changes), onset.speed, end)

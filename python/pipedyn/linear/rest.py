@@ -30,7 +30,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import PointMass, Term
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_right_hand_sides
-from pipedyn.util.errors import NotConverged
+from pipedyn.util.errors import NotConverged, NotResolved
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import one_thread
 
@@ -203,8 +203,8 @@ class BranchOfRest:
         return points[-1].x
 
     def _buckles(self, x: Array, u: float) -> bool:
-        """Whether a root grows without oscillation about a rest."""
-        values = self.eigenvalues(x, u)
+        """Whether a root grows in the plane of rest without oscillation, as past a fold."""
+        values = self.roots(x, u, 0)
         return bool((grows(values) & (values.imag == 0.0)).any())
 
     def following(
@@ -249,7 +249,8 @@ class BranchOfRest:
             reason = self.following(u, note, share=share)
             if reason == "range" and not self._buckles(last[0].x, u):
                 break
-            if last and np.abs(last[0].z - before).max() < SAME_REST:
+            same = bool(last) and np.abs(last[0].z - before).max() < SAME_REST
+            if same and reason != "range":  # else steps of two lengths may jump alike
                 break
         if reason != "range":
             raise NotConverged(lost_rest(reason, last[0].p if last else 0.0, u))
@@ -271,7 +272,8 @@ class _RestTracer(Tracer[DenseProblem]):
     """Tracer of the rest that follows the speed, which passes its steps to a function."""
 
     def __init__(self, end: float, noted: Callable[[Segment[DenseProblem]], str | None]) -> None:
-        super().__init__([(-1, 0.0, end)], MOST_RESTS)
+        failing = NewtonFailed, NotResolved  # in space at a rest to which only a plane leads
+        super().__init__([(-1, 0.0, end)], MOST_RESTS, failing)
         self.noted = noted
 
     def note(self, step: Segment[DenseProblem]) -> str | None:

@@ -711,6 +711,13 @@ class Model(OfPipe, ABC):
         """Coordinates of `planar`, (integrated,), nearest to p, which may be turned for that."""
         return p
 
+    def beyond_reach(self, x: Array) -> str:
+        """Why the model has not the configuration x, (integrated,), of `planar`; empty if it has.
+
+        In three dimensions joints of a chain and tangents of a reduced model turn by less than pi.
+        """
+        return ""
+
     def quarter_turn(self, p: Array) -> Array:
         """Coordinates, (integrated, ...), turned about the axis by a right angle, from x to z.
 

@@ -46,6 +46,9 @@ LARGEST_SHARED, MOST_SHARED = 300, 32
 _SHARED: dict[tuple[Any, ...], dict[str, Any]] = {}
 """Attributes of chains whose segments follow from a few numbers, for other chains with these."""
 
+FOLDED = 1e-6
+"""Distance in rad from half a turn at which a joint or a segment in space is singular."""
+
 SHORTEST_SEGMENT = 1e-7
 """Shortest segment: shorter ones, or a last one with less inertia, are lost in rounding."""
 
@@ -527,6 +530,15 @@ class SpatialChain(SpatialModel):
 
     def pencil(self) -> DensePencil:
         return DensePencil(self)
+
+    def beyond_reach(self, x: Array) -> str:
+        if (np.abs(np.abs(x) % (2.0 * math.pi) - math.pi) < FOLDED).any():
+            return "a segment points straight backwards, where coordinates in space are singular"
+        hinged = self._pipe.root == "pinned"
+        joints = np.diff(x, prepend=[0.0][hinged:], append=[0.0] * self._pipe.end_guided)
+        turned = float(np.abs(joints).max(initial=0.0))
+        why = f"a joint turns by {turned:.6g} rad, and joints in space by less than pi"
+        return why if turned > math.pi - FOLDED else ""
 
     def largest_angle(self, p: NDArray[Any]) -> float:
         return float(np.hypot(*np.abs(np.split(p, 2))).max())

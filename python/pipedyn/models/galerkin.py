@@ -559,6 +559,11 @@ class SpatialGalerkin(SpatialModel):
         found = np.abs(self._slopes_of(np.linspace(0.0, 1.0, 401), p.reshape(len(p), -1)))
         return float(np.hypot(*np.split(found, 2)).max())
 
+    def beyond_reach(self, x: Array) -> str:
+        turned = self._planar.largest_angle(x)
+        why = f"its tangent turns by {turned:.3g} rad, and the coordinates in space end at pi"
+        return why if turned > math.pi - 1e-6 else ""
+
     def _nodes_to(self, p: Array, places: Array) -> Iterator[tuple[Array, Array]]:
         """Nodes and weights of integrals from the clamp to each place, for p (2 m, k)."""
         planar = self._planar

@@ -31,6 +31,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.models.reduced_supports import MeetsSupports, ReducedSupports
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotResolved
 
 SMALL_TURN = 1e-8
 """Square of an angle below which sin(rho) / rho and its derivative are 1 and -1/3 to rounding."""
@@ -169,7 +170,10 @@ class SpatialModel(MeetsSupports, Model):
     @property
     def axisymmetric(self) -> bool:
         """Whether every motion turned about the axis is a motion."""
-        return self._pipe.symmetric_about_axis
+        pipe = self._pipe
+        # A jet at an angle out of a hinge pushes it along the axis, harder on one side.
+        lopsided = pipe.end == "pinned" and pipe.alpha * abs(math.sin(pipe.jet_angle)) > 1e-15
+        return pipe.symmetric_about_axis and not lopsided
 
     def from_plane(self, p: Array) -> Array:
         """Coordinates p, (dof, ...), from those of `planar`, which moves in the plane z = 0."""
@@ -298,6 +302,8 @@ class SpatialModel(MeetsSupports, Model):
         rest = self._reference if q is None else self._in_plane(q)
         if rest is None or not rest.any():
             return self._both(lambda planar: planar.operators())
+        if why := self.beyond_reach(np.split(rest, 2)[0]):
+            raise NotResolved.of_states("operators", (0,), None, why)
         return self._with_loss(lambda model: model._about_bent(rest))
 
     def _about_bent(self, rest: Array) -> Operators:
