@@ -222,6 +222,7 @@ class SpatialGalerkin:
         size: typing.SupportsInt | typing.SupportsIndex,
         joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
         more: typing.SupportsInt | typing.SupportsIndex = 0,
+        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> None: ...
     def energy(
         self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
@@ -296,8 +297,6 @@ class SpatialChain:
         refuses: bool = True,
         works: bool = False,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @property
-    def chain(self) -> Chain: ...
 
 class Pairs:
     def __init__(
