@@ -303,7 +303,7 @@ struct SpatialBlock {
       act(p, w * load.force);
       power.base = power.base - w * base_loss(law, seen, load, drive.velocity);
       at[p].couple = at[p].couple + at[p].across_by(w * load.couple);
-      power.terms = power.terms + w * law.power_in_space(seen);
+      power.terms = power.terms + w * power_of(law, seen, load);
     });
     for (Count k = 0; k < grid.turning; ++k) {
       SpatialPoint<Number>& here = at[grid.turning_at[k]];
@@ -442,9 +442,9 @@ struct SpatialBlock {
   void powers(const Put& put) {
     set_points();
     integrate_positions(false);
-    const PowerParts<Number> power = load();
-    const Number each[] = {power.flow, bend(), power.drag, power.terms, power.base};
-    for (Count k = 0; k < 5; ++k) put(k, each[k]);
+    PowerParts<Number> power = load();
+    power.joints = bend();
+    power.each(put);
   }
 
   /// Calls put(k, number) for the position of the free end and its velocity.
@@ -539,14 +539,8 @@ void jacobian_in_space(const GridTables& grid, const MotionEffects& effects, con
     const Seeded<Pack> seeded{batch, 0, first, rows};
     with_spatial_block<Number>(grid, effects, seeded, [&](auto& block) {
       block.accelerations([&](Count i, const Number& x) {
-        double slopes[width], values[width];
-        store(slopes, x.slopes[0]);
-        store(values, x.value);
-        out[n * rows + i] = values[0];
-        for (Count lane = 0; lane < width && first + lane <= rows; ++lane) {
-          const Count by = first + lane;
-          (by < rows ? out[i * rows + by] : out[n * rows + n + i]) = slopes[lane];
-        }
+        double* const value = out + n * rows + i;
+        put_derivatives(x, first, rows, out + i * rows, value, value + n);
       });
     });
   }
