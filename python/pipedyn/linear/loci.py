@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.continuation.arclength import DenseProblem, Segment
+from pipedyn.continuation.arclength import BranchStep, DenseProblem
 from pipedyn.linear.bent_crossings import RootsFollowed
 from pipedyn.linear.critical_speed import (
     count_resolved,
@@ -499,14 +499,11 @@ def _growing_modes(model: AnyModel, at: Array, count: int, most: int) -> _Growin
     elif left:
         take = f"count={max(left)}" if max(left) <= most else "a larger count"
         missing = f"{check.how_many(len(left), 'mode')} beyond {min(left) - 1} grow: take {take}"
-    if failed and isinstance(model, Model) and model.dof > LARGEST_FULL:
-        return _GrowingModes(added, at, np.full(at.size, math.inf), missing)
     if failed:
         solved = model.frozen(size) if isinstance(model, Continuum) else model
-        follower = RootFollower(solved)
-        pairs = [] if rest_follows(model) else itertools.pairwise(at.tolist())
-        between = [u for pair in pairs for u in follower.between(*pair)]
-        at = np.union1d(at, between)
+        if not rest_follows(model) and solved.dof <= LARGEST_FULL:
+            between, pairs = RootFollower(solved).between, itertools.pairwise(at.tolist())
+            at = np.union1d(at, [u for pair in pairs for u in between(*pair)])
         return _GrowingModes(added, at, np.full(at.size, math.inf), missing)
     speeds = of_each(found, "speed")
     ends = np.concatenate([at[:1], speeds[(speeds > at[0]) & (speeds < at[-1])], at[-1:]])
@@ -655,7 +652,7 @@ def _loci_of_rest(model: Model, speeds: Array, count: int) -> RootLoci:
         good = (pairs.converged[own] & (own >= 0)).all(axis=1)
         return (*values.T, np.asarray(good), errors)
 
-    def note(step: Segment[DenseProblem]) -> str | None:
+    def note(step: BranchStep[DenseProblem]) -> str | None:
         if not followed:
             begin = step.begin
             followed.extend(RootsFollowed(rests.roots(begin.x, begin.p, k)) for k in rests.planes)
