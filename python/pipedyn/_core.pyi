@@ -46,6 +46,7 @@ __all__: list[str] = [
     "exponentials",
     "gauss_nodes",
     "general_values",
+    "in_first_chart",
     "interval_maps",
     "is_felt_by_small_motions",
     "orbit_states",
@@ -784,6 +785,10 @@ def general_values(
     a: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
     b: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
+def in_first_chart(
+    states: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    signs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 def interval_maps(
     rows: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
