@@ -320,9 +320,14 @@ def _with_growing_roots(
     """
     at, missing, solved = speeds.tolist(), "", model
     if isinstance(model, Continuum):
-        asked, smallest = partial(_all_roots, speeds=at), max(16, 3 * count, math.ceil(at[-1]))
+
+        def all_roots(one: Model) -> tuple[Model, list[Complex]]:
+            problem = eigenproblem(one)
+            return one, [problem.lowest(u, 2 * problem.dof).values for u in at]
+
+        smallest = max(16, 3 * count, math.ceil(at[-1]))
         try:
-            found = model.converge(asked, _growing_move, NEUTRAL, smallest, smallest + 48).value
+            found = model.converge(all_roots, _growing_move, NEUTRAL, smallest, smallest + 48).value
         except NotConverged as error:
             found = error.result
             missing = "growing roots of the continuous pipe do not converge: take a Chain"
@@ -381,12 +386,6 @@ def _with_growing_roots(
             off = _clearly_grow(here) & (moved > NEUTRAL * (1.0 + np.abs(here)))
             loci.converged[row, known:] &= ~off
     return loci, missing
-
-
-def _all_roots(model: Model, speeds: list[float]) -> tuple[Model, list[Complex]]:
-    """The model, and all its roots at each speed."""
-    problem = eigenproblem(model)
-    return model, [problem.lowest(u, 2 * problem.dof).values for u in speeds]
 
 
 def _growing_move(a: tuple[Model, list[Complex]], b: tuple[Model, list[Complex]]) -> float:
