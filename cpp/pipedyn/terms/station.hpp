@@ -239,7 +239,11 @@ Station<Real> about(const Station<Real>& at, const Real& x, const Real& y, const
 template <class Law, class Real>
 Real power_of(const Law& law, const Station<Real>& at, const Acting<Real>& load) {
   if constexpr (Law::has_potential) return law.power(at);
-  return load.x * at.vx + load.y * at.vy + load.couple * at.omega;
+  using Of = DifferentiatedLoad<Law>;
+  Real sum = load.x * at.vx;  // without what the law does not have
+  if constexpr (!std::is_same_v<decltype(Of::y), None>) sum += load.y * at.vy;
+  if constexpr (!std::is_same_v<decltype(Of::couple), None>) sum += load.couple * at.omega;
+  return sum;
 }
 
 /// Power of a load in space but for the change of its potential.
