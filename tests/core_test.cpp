@@ -584,10 +584,13 @@ struct Wild {
     for (Index i = 0; i < count; ++i) {
       const auto law = static_cast<std::size_t>(dice.between(0.0, std::size(Laws::names)));
       const double at = one_of({1e-300, 0.6, 1.0, dice.between(0.01, 0.99)});
-      const bool turns = std::string(Laws::names[law]) == "point_mass";  // by its second number
+      const std::string name = Laws::names[law];
+      // The second number of a mass is its radius of gyration, that of a load all along its count
+      // of polynomials, which takes as many nodes.
+      const double largest = name == "point_mass" ? 1e3 : name == "applied_load" ? 49.0 : 1e6;
       const double first = one_of({0.0, 1e-300, 1.0, 1e6});
-      const double second = one_of({0.0, 1.0, turns ? 1e3 : 1e6});
-      made.push_back(pipedyn::make_term(Laws::names[law], at, {first, second}));
+      const double second = one_of({0.0, 1.0, largest});
+      made.push_back(pipedyn::make_term(name, at, {first, second}));
     }
     return made;
   }

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.continuation.arclength import Control, DenseProblem, Segment
+from pipedyn.continuation.arclength import BranchStep, Control, DenseProblem
 from pipedyn.continuation.tracer import TestFunction as Function
 from pipedyn.continuation.tracer import Tracer, special_points
 from pipedyn.curves.boundary import checked_window
@@ -49,7 +49,7 @@ def test_a_closed_curve_is_followed_once_around_both_folds(step, p0):
     assert points[0] is points[-1] is start
     turns = []
     for a, b in pairwise(points):
-        segment = Segment(circle, a, b)
+        segment = BranchStep(circle, a, b)
         turns += [segment.at(s).p for *_, s in special_points(segment, 1e-9, ())]
         assert b.x**2 + b.p**2 == pytest.approx(np.ones(2), abs=1e-12)
         assert circle.length(b.tangent) == pytest.approx(1.0, abs=1e-14)

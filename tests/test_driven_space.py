@@ -16,8 +16,9 @@ from independent import derivative_along
 from test_applied_force import assert_states_of_a_batch_have_own_forces, driven
 
 import pipedyn as pp
+from pipedyn.attraction.motion_ends import Case
 from pipedyn.linear.rest import at_rest
-from pipedyn.motion.vector_field import ForcedField
+from pipedyn.motion.vector_field import Excitation, ForcedField
 
 PIPE = pp.Pipe(0.3, 7.0, damping=0.02, drag=0.4, terms=[pp.Spring(0.6, 5.0)])
 MODELS = {
@@ -585,3 +586,18 @@ def test_springs_that_differ_in_x_and_z_have_regions_in_both_planes():
             **{"base": base, "rtol": 1e-10, "samples": 2},
         )
         np.testing.assert_allclose(again.q[-1], motion.q[0], atol=1e-7)
+
+
+@pytest.mark.parametrize(("direction", "odd"), [("x", True), ((1.0, 0.0, -1j), False)])
+def test_the_mirror_image_of_a_shaken_motion_in_space_is_at_the_same_time(direction, odd):
+    chain = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.002), 2, dimensions=3)
+    shaken = pp.Harmonic(0.05, 5.0, direction)
+    case = Case(chain, Excitation(1.0, shaken))
+    assert case.odd == odd
+    assert not case.shifts
+    signs, start = np.array([1.0, 1.0, -1.0, -1.0]), np.array([0.1, 0.2, 0.1, -0.1])
+    one, other = (
+        pp.simulate(chain, 1.0, 3.0, begin, base=shaken, rtol=1e-9)
+        for begin in (start, signs * start)
+    )
+    assert np.allclose(signs * one.q, other.q, atol=1e-6) == odd

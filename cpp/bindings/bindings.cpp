@@ -34,11 +34,36 @@ pipedyn::End end_of(const std::string& name) {
   throw std::invalid_argument("end must be free, guided, pinned or clamped, got " + name);
 }
 
-py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.dof(); }
-py::ssize_t work_of_both(const pipedyn::SpatialGalerkin& motion) {
+template <class Model>
+py::ssize_t work_of(const Model& motion) {
   return 4 * motion.dof() * motion.dof();
 }
 py::ssize_t work_of_chain(const pipedyn::SpatialChain& motion) { return 2 * motion.dof(); }
+
+/// Defines what reduced models in a plane and in space share.
+template <class Model>
+py::class_<Model> define_reduced(py::module_& m, const char* name) {
+  py::class_<Model> made(m, name);
+  made.def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
+                       const pipedyn::Vector& joints, pipedyn::Index more,
+                       pipedyn::Index least_nodes) {
+             const Family family = legendre ? Family::legendre : Family::beam;
+             return std::make_unique<Model>(pipe, Basis(family, size, joints, more, pipe),
+                                            least_nodes);
+           }),
+           "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0,
+           "least_nodes"_a = 0)
+      .def(
+          "tips",
+          [](const Model& model, const py::object& y) {
+            const auto tips = [&](const Batch& batch, double* out) { model.tips(batch, out); };
+            return pipedyn::results_of(2 * model.dof(), model.tip_rows(), work_of(model), y,
+                                       py::float_(0.0), py::none(), tips);
+          },
+          "y"_a);
+  pipedyn::define_equations<Model, work_of<Model>>(made);
+  return made;
+}
 
 }  // namespace
 
@@ -119,17 +144,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def_property_readonly("turns_freely", &Chain::turns_freely)
       .def("bodies", &Chain::bodies);
 
-  py::class_<Galerkin> galerkin(m, "Galerkin");
-  galerkin
-      .def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
-                       const pipedyn::Vector& joints, pipedyn::Index more,
-                       pipedyn::Index least_nodes) {
-             const Family family = legendre ? Family::legendre : Family::beam;
-             return std::make_unique<Galerkin>(pipe, Basis(family, size, joints, more, pipe),
-                                               least_nodes);
-           }),
-           "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0,
-           "least_nodes"_a = 0)
+  define_reduced<Galerkin>(m, "Galerkin")
       .def(
           "operators",
           [](const Galerkin& model, const pipedyn::Vector& q) {
@@ -140,14 +155,6 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           },
           "q"_a = pipedyn::Vector())
       .def("nodes", &Galerkin::nodes, "q"_a, Unlocked())
-      .def(
-          "tips",
-          [](const Galerkin& model, const py::object& y) {
-            const auto tips = [&](const Batch& batch, double* out) { model.tips(batch, out); };
-            return pipedyn::results_of(2 * model.dof(), 4, work_of(model), y, py::float_(0.0),
-                                       py::none(), tips);
-          },
-          "y"_a)
       .def_property_readonly("supports", &Galerkin::supports)
       .def(
           "held",
@@ -167,30 +174,11 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "s"_a, "derivative"_a, Unlocked())
       .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); })
       .def("elastic", &Galerkin::elastic, Unlocked());
-  pipedyn::define_equations<Galerkin, work_of>(galerkin);
+  define_reduced<pipedyn::SpatialGalerkin>(m, "SpatialGalerkin");
 
-  py::class_<pipedyn::SpatialGalerkin> both(m, "SpatialGalerkin");
-  both.def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
-                       const pipedyn::Vector& joints, pipedyn::Index more) {
-             const Family family = legendre ? Family::legendre : Family::beam;
-             return std::make_unique<pipedyn::SpatialGalerkin>(
-                 pipe, Basis(family, size, joints, more, pipe));
-           }),
-           "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0)
-      .def(
-          "tips",
-          [](const pipedyn::SpatialGalerkin& model, const py::object& y) {
-            const auto tips = [&](const Batch& batch, double* out) { model.tips(batch, out); };
-            return pipedyn::results_of(2 * model.dof(), 6, work_of_both(model), y, py::float_(0.0),
-                                       py::none(), tips);
-          },
-          "y"_a);
-  pipedyn::define_equations<pipedyn::SpatialGalerkin, work_of_both>(both);
   py::class_<pipedyn::SpatialChain> spatial(m, "SpatialChain");
-  spatial
-      .def(py::init<const Pipe&, const Segments&, std::vector<pipedyn::Index>>(), "pipe"_a,
-           "segments"_a, "held"_a = std::vector<pipedyn::Index>())
-      .def_property_readonly("chain", &pipedyn::SpatialChain::chain);
+  spatial.def(py::init<const Pipe&, const Segments&, std::vector<pipedyn::Index>>(), "pipe"_a,
+              "segments"_a, "held"_a = std::vector<pipedyn::Index>());
   pipedyn::define_equations<pipedyn::SpatialChain, work_of_chain>(spatial);
 
   m.def("ends", &pipedyn::ends, "angles"_a, "rates"_a, "lengths"_a, Unlocked());

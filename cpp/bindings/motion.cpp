@@ -377,6 +377,18 @@ void define_motion(py::module_& m) {
           "member"_a)
       .def("stop", &Integrator::stop, "member"_a)
       .def_property_readonly("members", &Integrator::members);
+  m.def(
+      "in_first_chart",
+      [](Matrix states, const Matrix& signs) {
+        if (states.rows() != signs.rows() || states.cols() != 4 * signs.cols()) {
+          throw py::value_error("each segment of each state needs a sign");
+        }
+        for (Index k = 0; k < states.rows(); ++k) {
+          Charts::leave(signs.row(k), states.row(k).data());
+        }
+        return states;
+      },
+      "states"_a, "signs"_a);
 }
 
 }  // namespace pipedyn

@@ -46,6 +46,7 @@ __all__: list[str] = [
     "exponentials",
     "gauss_nodes",
     "general_values",
+    "in_first_chart",
     "interval_maps",
     "is_felt_by_small_motions",
     "orbit_states",
@@ -222,6 +223,7 @@ class SpatialGalerkin:
         size: typing.SupportsInt | typing.SupportsIndex,
         joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
         more: typing.SupportsInt | typing.SupportsIndex = 0,
+        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> None: ...
     def energy(
         self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
@@ -296,8 +298,6 @@ class SpatialChain:
         refuses: bool = True,
         works: bool = False,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @property
-    def chain(self) -> Chain: ...
 
 class Pairs:
     def __init__(
@@ -785,6 +785,10 @@ def general_values(
     a: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
     b: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
+def in_first_chart(
+    states: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    signs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 def interval_maps(
     rows: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

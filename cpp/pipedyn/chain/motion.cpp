@@ -122,9 +122,7 @@ template <bool with_power>
 void rhs(const ChainModel& model, const Batch& batch, double* rates) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
     const auto parts = accelerations_of<false>(model, members, sweep, rates);
-    if (!with_power) return;
-    const auto total = parts.flow + parts.joints + parts.drag + parts.terms + parts.base;
-    members.set_row(rates, 2 * model.size, total);
+    if (with_power) members.set_row(rates, 2 * model.size, parts.total());
   });
 }
 
@@ -136,12 +134,9 @@ void energy(const ChainModel& model, const Batch& batch, double* out) {
 
 void power(const ChainModel& model, const Batch& batch, double* out) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
-    const auto parts = powers_of(model, members, sweep);
-    members.set_row(out, 0, parts.flow);
-    members.set_row(out, 1, parts.joints);
-    members.set_row(out, 2, parts.drag);
-    members.set_row(out, 3, parts.terms);
-    members.set_row(out, 4, parts.base);
+    powers_of(model, members, sweep).each([&](Count k, const auto& power) {
+      members.set_row(out, k, power);
+    });
   });
 }
 

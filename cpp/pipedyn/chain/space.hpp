@@ -222,6 +222,20 @@ struct Seeded {
   }
 };
 
+/// Writes derivatives of a number by a seeded state (rows,), from row `first` on; and, unless
+/// `value` is null, its value and its derivative by the flow speed.
+inline void put_derivatives(const Dual<Pack, 1u>& x, Count first, Count rows, double* by_rows,
+                            double* value, double* by_speed) {
+  double slopes[width], values[width];
+  store(slopes, x.slopes[0]);
+  store(values, x.value);
+  if (value != nullptr) *value = values[0];
+  for (Count lane = 0; lane < width; ++lane) {
+    if (first + lane < rows) by_rows[first + lane] = slopes[lane];
+    if (first + lane == rows && value != nullptr) *by_speed = slopes[lane];
+  }
+}
+
 /// Drive of a state in space.
 template <class Number>
 struct SpatialDrive {
@@ -443,7 +457,7 @@ PIPEDYN_NOINLINE const SegmentTerm* add_terms(const SegmentTerm* term, const Seg
         here.force += weight * load.force;
         here.lever += (weight * arm) * load.force;
         here.couple = here.couple + weight * load.couple;
-        power.terms = power.terms + weight * law.power_in_space(at);
+        power.terms = power.terms + weight * power_of(law, at, load);
         power.base = power.base - weight * base_loss(law, at, load, drive.velocity);
       });
     });
@@ -705,9 +719,7 @@ void spatial_rhs(const ChainModel& model, const Batch& batch, double* rates) {
           members.set_row(rates, 3 * n + j, acceleration.z);
         };
         const auto parts = spatial_accelerations(model, states, room, put);
-        if (!with_power) return;
-        members.set_row(rates, 4 * n,
-                        parts.flow + parts.joints + parts.drag + parts.terms + parts.base);
+        if (with_power) members.set_row(rates, 4 * n, parts.total());
       });
 }
 
@@ -715,9 +727,9 @@ void spatial_power(const ChainModel& model, const Batch& batch, double* out) {
   for_each_spatial_block(
       model, batch, [&]<class Real>(const States<Real>& states, const SpatialRoom<Real>& room) {
         const auto nothing = [](Count, const auto&, const auto&) {};
-        const auto parts = spatial_accelerations(model, states, room, nothing);
-        const Real each[] = {parts.flow, parts.joints, parts.drag, parts.terms, parts.base};
-        for (Count k = 0; k < 5; ++k) states.members.set_row(out, k, each[k]);
+        spatial_accelerations(model, states, room, nothing).each([&](Count k, const Real& power) {
+          states.members.set_row(out, k, power);
+        });
       });
 }
 
@@ -743,14 +755,8 @@ void spatial_jacobian(const ChainModel& model, const Batch& batch, double* out) 
     for (Count first = 0; first < rows + all_rates; first += width) {
       const Seeded<Pack> seeded{batch, member, first, rows};
       const auto keep = [&](Count row, const Number& acceleration) {
-        double each[width], value[width];
-        store(each, acceleration.slopes[0]);
-        store(value, acceleration.value);
-        if (all_rates) to[row] = value[0];
-        for (Count lane = 0; lane < width && first + lane < rows; ++lane) {
-          slopes[row * rows + first + lane] = each[lane];
-        }
-        if (all_rates && first + width > rows) to[rows + row] = each[rows - first];
+        double* const value = all_rates ? to + row : nullptr;
+        put_derivatives(acceleration, first, rows, slopes + row * rows, value, to + rows + row);
       };
       spatial_accelerations(model, seeded, room,
                             [&](Count j, const auto&, const Across<Number>& acceleration) {

@@ -16,7 +16,6 @@ class SpatialChain {
   /// exists only in a plane.
   SpatialChain(const Pipe& pipe, const Segments& segments, std::vector<Index> held = {});
 
-  const Chain& chain() const { return chain_; }
   /// Number of coordinates, 2 n.
   Index dof() const { return 2 * chain_.dof(); }
 

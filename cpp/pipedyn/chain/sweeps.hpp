@@ -227,7 +227,7 @@ PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const ChainModel& model,
       across -= normal;
       moment -= place.arm * normal;
       if (turns<std::remove_cvref_t<decltype(law)>>) moment -= place.weight * load.couple;
-      power.terms += place.weight * law.power(at);
+      power.terms += place.weight * power_of(law, at, load);
       if (drives) power.base += place.weight * base_power(law, at, load, driven.vx, driven.vy);
     };
     Real vx{}, vy{};  // velocity of the joint relative to the base
@@ -283,6 +283,14 @@ enum class Outer { nothing, drag, loads };
 template <class Real>
 struct PowerParts {
   Real flow, joints, drag, terms, base;
+
+  Real total() const { return flow + joints + drag + terms + base; }
+  /// Calls put(k, power) for the five powers in this order.
+  template <class Put>
+  void each(const Put& put) const {
+    const Real parts[] = {flow, joints, drag, terms, base};
+    for (Count k = 0; k < 5; ++k) put(k, parts[k]);
+  }
 };
 
 /// Computes rates (2 n, members) unless they are null, and returns the powers. keep: fills kept

@@ -629,15 +629,12 @@ struct Block {
       }
     }
     for_each_station(batch, row, 0, [&](const auto& law, const auto& station, Count, double w) {
-      others += w * law.power(station);
-      if (batch.drive == nullptr) return;
-      based += w * base_power(law, station, Acting<Real>(law.load(station)), base_x, base_y);
+      const Acting<Real> load(law.load(station));
+      others += w * power_of(law, station, load);
+      if (batch.drive != nullptr) based += w * base_power(law, station, load, base_x, base_y);
     });
-    set(out, 0, Real(pushed + flow));
-    set(out, 1, joints);
-    set(out, 2, dragged);
-    set(out, 3, others);
-    set(out, 4, based);
+    const Real parts[] = {pushed + flow, joints, dragged, others, based};
+    for (Count k = 0; k < 5; ++k) set(out, k, parts[k]);
   }
 };
 

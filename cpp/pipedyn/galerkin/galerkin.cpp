@@ -36,7 +36,7 @@ MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
           .load_count = static_cast<Index>(panels.loads.size()),
           .held = panels.held.data(),
           .held_count = static_cast<Index>(panels.held.size()),
-          .return_rate = Galerkin::return_rate};
+          .return_rate = ReducedMotion::return_rate};
 }
 
 /// Sums of the sizes of each function's amplitudes in all planes, (m, members) row-major, from
@@ -54,18 +54,17 @@ const double* bounds(const double* y, Index m, Index planes, Index members) {
 /// result is NaN for members that bend more than the largest grid resolves. If the batch allows
 /// errors, a finer grid than a member needs is accepted as well: blocks are then filled in falling
 /// order of the numbers of their grids. finer: number of grids by which the grid is finer than the
-/// motion needs; rows: number of entries of a member in batch.y, divided by the number of
-/// functions; planes: number of planes whose amplitudes are the first of them, whose sum decides on
-/// the grid; most_members: largest number of members of a block.
+/// motion needs; parts: number of entries of a member in batch.y, divided by that of coordinates,
+/// whose sum over the planes decides on the grid; most_members: largest number of members of a
+/// block.
 template <class Write>
 void evaluate(const GalerkinKernel::Function function, const Grids& grids, const Pipe& pipe,
-              const Batch& batch, Index results, const Write& write, Index finer = 0,
-              Index rows = 2, Index planes = 1,
-              Index most_members = std::numeric_limits<Index>::max()) {
+              Index planes, const Batch& batch, Index results, const Write& write, Index finer = 0,
+              Index parts = 2, Index most_members = std::numeric_limits<Index>::max()) {
   static thread_local std::vector<Index> grid_of, chosen;
   const MotionEffects effects = effects_of(pipe, grids.panels());
   static thread_local std::vector<double> numbers;
-  const Index state = rows * grids.basis().size(), members = batch.members;
+  const Index state = parts * planes * grids.basis().size(), members = batch.members;
   grid_of.resize(static_cast<std::size_t>(members));
   chosen.resize(static_cast<std::size_t>(members));
   std::iota(chosen.begin(), chosen.end(), Index{0});
@@ -209,10 +208,10 @@ void require_amplitudes(Index entries, Index m) {
 
 }  // namespace
 
-Galerkin::Galerkin(const Pipe& pipe, Basis basis, Index least_nodes)
-    : pipe_(pipe), basis_(std::move(basis)), least_nodes_(least_nodes) {}
+ReducedMotion::ReducedMotion(const Pipe& pipe, Basis basis, Index planes, Index least_nodes)
+    : pipe_(pipe), basis_(std::move(basis)), planes_(planes), least_nodes_(least_nodes) {}
 
-const Grids& Galerkin::grids() const {
+const Grids& ReducedMotion::grids() const {
   std::call_once(moved_, [this] { grids_ = std::make_unique<Grids>(basis_, pipe_, least_nodes_); });
   return *grids_;
 }
@@ -221,13 +220,13 @@ Operators Galerkin::operators(const Vector& q) const {
   if (q.size() > 0) {
     require_amplitudes(q.size(), dof());
     const Grid& grid = grids()[grids().choose(q.data(), 1)];
-    return operators_at(grid, basis_, effects_of(pipe_, grids().panels()), pipe_, q);
+    return operators_at(grid, basis(), effects_of(pipe(), grids().panels()), pipe(), q);
   }
-  const Index nodes = basis_.nodes_of_products() + (pipe_.mass.degree(0.0) + 1) / 2;
-  const Panels panels(basis_, pipe_);
-  const Grid grid(basis_, Matrix::Identity(dof(), dof()), panels,
+  const Index nodes = basis().nodes_of_products() + (pipe().mass.degree(0.0) + 1) / 2;
+  const Panels panels(basis(), pipe());
+  const Grid grid(basis(), Matrix::Identity(dof(), dof()), panels,
                   whole(nodes + 1, GridTables::multiple) - 1);
-  return operators_at(grid, basis_, effects_of(pipe_, panels), pipe_, Vector::Zero(dof()));
+  return operators_at(grid, basis(), effects_of(pipe(), panels), pipe(), Vector::Zero(dof()));
 }
 
 Index Galerkin::nodes(const Vector& q) const {
@@ -235,9 +234,7 @@ Index Galerkin::nodes(const Vector& q) const {
   return grids()[grids().choose(q.data(), 1)].tables.nodes;
 }
 
-std::string Galerkin::unresolved(const double* q, Index stride) const {
-  Vector shape =
-      Eigen::Map<const Vector, 0, Eigen::InnerStride<>>(q, dof(), Eigen::InnerStride<>(stride));
+std::string ReducedMotion::unresolved_sum(Vector shape) const {
   const double size = shape.cwiseAbs().maxCoeff();
   if (size > 0.0) shape /= size;
   const double most = grids().resolved(shape.data());
@@ -252,14 +249,27 @@ std::string Galerkin::unresolved(const double* q, Index stride) const {
   return text;
 }
 
-void Galerkin::rhs(const Batch& batch, double* rates) const {
-  const Index m = dof(), members = batch.members;
-  std::copy(batch.y + m * members, batch.y + 2 * m * members, rates);
-  evaluate(kernel().accelerations, grids(), pipe_, batch, m,
-           to_columns(rates + m * members, members));
+std::string Galerkin::unresolved(const double* q, Index stride) const {
+  return unresolved_sum(
+      Eigen::Map<const Vector, 0, Eigen::InnerStride<>>(q, dof(), Eigen::InnerStride<>(stride)));
 }
 
-void Galerkin::rhs_and_power(const Batch& batch, double* rates) const {
+namespace {
+
+const GalerkinKernel::Motion& motion_in(Index planes) {
+  return planes == 1 ? kernel().planar : kernel().spatial;
+}
+
+}  // namespace
+
+void ReducedMotion::rhs(const Batch& batch, double* rates) const {
+  const Index n = dof(), members = batch.members;
+  std::copy(batch.y + n * members, batch.y + 2 * n * members, rates);
+  evaluate(motion_in(planes_).accelerations, grids(), pipe_, planes_, batch, n,
+           to_columns(rates + n * members, members));
+}
+
+void ReducedMotion::rhs_and_power(const Batch& batch, double* rates) const {
   rhs(batch, rates);
   const Index members = batch.members;
   Matrix parts(5, members);
@@ -267,27 +277,30 @@ void Galerkin::rhs_and_power(const Batch& batch, double* rates) const {
   Eigen::Map<Eigen::RowVectorXd>(rates + 2 * dof() * members, members) = parts.colwise().sum();
 }
 
-void Galerkin::energy(const Batch& batch, double* out) const {
-  evaluate(kernel().energy, grids(), pipe_, batch, 1, to_columns(out, batch.members));
+void ReducedMotion::energy(const Batch& batch, double* out) const {
+  evaluate(motion_in(planes_).energy, grids(), pipe_, planes_, batch, 1,
+           to_columns(out, batch.members));
 }
 
-void Galerkin::power(const Batch& batch, double* out) const {
-  evaluate(kernel().power, grids(), pipe_, batch, 5, to_columns(out, batch.members));
+void ReducedMotion::power(const Batch& batch, double* out) const {
+  evaluate(motion_in(planes_).power, grids(), pipe_, planes_, batch, 5,
+           to_columns(out, batch.members));
+}
+
+void ReducedMotion::tips(const Batch& batch, double* out) const {
+  constexpr Index finer = 2;  // 1.4 times the nodes: exact to rounding, not to the motion's 1e-10
+  evaluate(motion_in(planes_).tips, grids(), pipe_, planes_, batch, tip_rows(),
+           to_columns(out, batch.members), finer);
 }
 
 void Galerkin::axial(const Batch& batch, double* out) const {
-  evaluate(kernel().axial, grids(), pipe_, batch, 2 + 4 * dof(), to_columns(out, batch.members), 0,
-           3);
-}
-
-void Galerkin::tips(const Batch& batch, double* out) const {
-  constexpr Index finer = 2;  // 1.4 times the nodes: exact to rounding, not to the motion's 1e-10
-  evaluate(kernel().tips, grids(), pipe_, batch, 4, to_columns(out, batch.members), finer);
+  evaluate(kernel().axial, grids(), pipe(), 1, batch, 2 + 4 * dof(), to_columns(out, batch.members),
+           0, 3);
 }
 
 void Galerkin::held(const Batch& batch, double* out) const {
   const Index results = supports() * (1 + dof());
-  evaluate(kernel().held, grids(), pipe_, batch, results, to_columns(out, batch.members));
+  evaluate(kernel().held, grids(), pipe(), 1, batch, results, to_columns(out, batch.members));
 }
 
 namespace {
@@ -313,25 +326,24 @@ auto begin_differentiation(const Batch& batch, Index m, Index before, double* ou
 
 }  // namespace
 
-void Galerkin::differentiate(const Batch& batch, Index before, double* out) const {
-  const auto write = begin_differentiation(batch, dof(), before, out);
-  evaluate(kernel().jacobian, grids(), pipe_, batch, dof() * (2 * dof() + 2), write);
+void ReducedMotion::differentiate(const Batch& batch, Index before, double* out) const {
+  const Index most_members = planes_ == 1 ? std::numeric_limits<Index>::max() : 1;
+  evaluate(motion_in(planes_).jacobian, grids(), pipe_, planes_, batch, dof() * (2 * dof() + 2),
+           begin_differentiation(batch, dof(), before, out), 0, 2, most_members);
 }
 
-SpatialGalerkin::SpatialGalerkin(const Pipe& pipe, Basis basis) : planar_(pipe, std::move(basis)) {
+SpatialGalerkin::SpatialGalerkin(const Pipe& pipe, Basis basis, Index least_nodes)
+    : ReducedMotion(pipe, std::move(basis), 2, least_nodes) {
   require_space(pipe);
 }
 
 std::string SpatialGalerkin::unresolved(const double* q, Index stride) const {
-  const Index m = planar_.dof();
-  Vector x(m), z(m);
-  for (Index i = 0; i < m; ++i) {
-    x[i] = q[i * stride];
-    z[i] = q[(m + i) * stride];
-  }
-  const Matrix slopes = planar_.basis_.evaluate(Vector::LinSpaced(401, 0.0, 1.0), 1);
-  const double turned =
-      std::sqrt(((slopes * x).array().square() + (slopes * z).array().square()).maxCoeff());
+  const Index m = basis().size();
+  const Eigen::Map<const Matrix, 0, Eigen::InnerStride<>> both(q, 2, m,
+                                                               Eigen::InnerStride<>(stride));
+  const Matrix slopes = basis().evaluate(Vector::LinSpaced(401, 0.0, 1.0), 1);
+  const Matrix angles = slopes * both.transpose();
+  const double turned = std::sqrt(angles.rowwise().squaredNorm().maxCoeff());
   if (turned > 3.0) {
     char text[160];
     std::snprintf(text, sizeof text,
@@ -340,45 +352,7 @@ std::string SpatialGalerkin::unresolved(const double* q, Index stride) const {
                   turned);
     return text;
   }
-  const Vector both = x.cwiseAbs() + z.cwiseAbs();
-  return planar_.unresolved(both.data(), 1);
-}
-
-void SpatialGalerkin::rhs(const Batch& batch, double* rates) const {
-  const Index n = dof(), members = batch.members;
-  std::copy(batch.y + n * members, batch.y + 2 * n * members, rates);
-  evaluate(kernel().spatial.accelerations, planar_.grids(), planar_.pipe_, batch, n,
-           to_columns(rates + n * members, members), 0, 4, 2);
-}
-
-void SpatialGalerkin::rhs_and_power(const Batch& batch, double* rates) const {
-  rhs(batch, rates);
-  const Index members = batch.members;
-  Matrix parts(5, members);
-  power(batch, parts.data());
-  Eigen::Map<Eigen::RowVectorXd>(rates + 2 * dof() * members, members) = parts.colwise().sum();
-}
-
-void SpatialGalerkin::energy(const Batch& batch, double* out) const {
-  evaluate(kernel().spatial.energy, planar_.grids(), planar_.pipe_, batch, 1,
-           to_columns(out, batch.members), 0, 4, 2);
-}
-
-void SpatialGalerkin::power(const Batch& batch, double* out) const {
-  evaluate(kernel().spatial.power, planar_.grids(), planar_.pipe_, batch, 5,
-           to_columns(out, batch.members), 0, 4, 2);
-}
-
-void SpatialGalerkin::tips(const Batch& batch, double* out) const {
-  constexpr Index finer = 2;  // as for Galerkin::tips
-  evaluate(kernel().spatial.tips, planar_.grids(), planar_.pipe_, batch, 6,
-           to_columns(out, batch.members), finer, 4, 2);
-}
-
-void SpatialGalerkin::differentiate(const Batch& batch, Index before, double* out) const {
-  const auto write = begin_differentiation(batch, dof(), before, out);
-  evaluate(kernel().spatial.jacobian, planar_.grids(), planar_.pipe_, batch,
-           dof() * (2 * dof() + 2), write, 0, 4, 2, 1);
+  return unresolved_sum(both.cwiseAbs().colwise().sum());
 }
 
 }  // namespace pipedyn

@@ -77,30 +77,81 @@
 
 namespace pipedyn {
 
-/// The reduced model of a pipe. Immutable; several threads may share one model. It computes motions
-/// with the vectors that the processor has (levels.hpp). A state y = [q, q'] has 2 m entries; a
-/// batch holds one state in each column. The arrays belong to the caller and have the sizes given;
-/// scratch belongs to the thread and is allocated by its first call for a size.
-class Galerkin {
+/// What reduced models of a pipe share that move in a plane or in space, where both planes have the
+/// same functions. Immutable; several threads may share one model. It computes motions with the
+/// vectors that the processor has (levels.hpp). A state is [q, q'] with n = dof() coordinates q, m
+/// a plane; a batch holds one state in each column. The arrays belong to the caller and have the
+/// sizes given; scratch belongs to the thread and is allocated by its first call for a size. The
+/// functions of a state throw std::invalid_argument if the functions of the basis are linearly
+/// dependent to rounding.
+class ReducedMotion {
+ public:
+  Index dof() const { return planes_ * basis_.size(); }
+  const Pipe& pipe() const { return pipe_; }
+  const Basis& basis() const { return basis_; }
+
+  /// dy/dtau (2 n, members), in O(N Q m + N m^2 + m^3) a member with N points and Q nodes a panel.
+  /// The result is NaN if the mass matrix is singular to rounding, or if q bends more than the
+  /// largest grid resolves.
+  void rhs(const Batch& batch, double* rates) const;
+  /// Rates of [q, q', W] (2 n + 1, members), where W' is the sum of the power, as for a chain.
+  void rhs_and_power(const Batch& batch, double* rates) const;
+  /// d(dy/dtau)/dy (members, 2 n, 2 n), row-major, in a plane at the same order of cost as `rhs`.
+  /// The drag contributes 2 |v_n| dv_n, 0 where v_n = 0.
+  void jacobian(const Batch& batch, double* out) const { differentiate(batch, 0, out); }
+  /// Rates of each member, followed by their derivatives by the speed and by the state (members,
+  /// 2 + 2 n, 2 n), in one evaluation.
+  void linearise(const Batch& batch, double* out) const { differentiate(batch, 2, out); }
+  /// Sum of the kinetic and elastic energies and those of gravity and terms for each member, in O(N
+  /// Q + N m); it is 0 at rest on the straight pipe.
+  void energy(const Batch& batch, double* out) const;
+  /// Power that flow, damping (joints), drag, terms (others) and the motion of the base add to the
+  /// energy, (5, members); their sum is dE/dtau.
+  void power(const Batch& batch, double* out) const;
+  /// Number of components of the free end's position, with its velocity: 4, or 6 in space.
+  Index tip_rows() const { return 2 * (planes_ + 1); }
+  /// Position (x, y), or (x, y, z), of the free end of each member, then its velocity, (tip_rows(),
+  /// members), in O(N m).
+  void tips(const Batch& batch, double* out) const;
+
+  /// Rate k at which states that violate x = 0 at supports return to it; it is the same for scenes
+  /// (modular).
+  static constexpr double return_rate = 60.0;
+
+ protected:
+  ReducedMotion(const Pipe& pipe, Basis basis, Index planes, Index least_nodes);
+  const Grids& grids() const;
+  /// As `Galerkin::unresolved`, for amplitudes (m,) whose sizes are summed over the planes.
+  std::string unresolved_sum(Vector amplitudes) const;
+
+ private:
+  /// Writes the last rows of `linearise` of each member: 2 n rows and `before` rows that precede
+  /// them.
+  void differentiate(const Batch& batch, Index before, double* out) const;
+
+  Pipe pipe_;
+  Basis basis_;
+  Index planes_, least_nodes_;
+  mutable std::once_flag moved_;
+  mutable std::unique_ptr<const Grids> grids_;  // made by the first call that needs them
+};
+
+/// The reduced model of a pipe that moves in a plane. A state y = [q, q'] has 2 m entries.
+class Galerkin : public ReducedMotion {
  public:
   /// least_nodes: least number of quadrature nodes on each panel, to measure the error of fewer
   /// nodes.
-  Galerkin(const Pipe& pipe, Basis basis, Index least_nodes = 0);
+  Galerkin(const Pipe& pipe, Basis basis, Index least_nodes = 0)
+      : ReducedMotion(pipe, std::move(basis), 1, least_nodes) {}
 
-  Index dof() const { return basis_.size(); }
-  const Pipe& pipe() const { return pipe_; }
-  const Basis& basis() const { return basis_; }
   /// The integrals k_ij, (m, m).
-  Matrix elastic() const { return Panels(basis_, pipe_).elastic; }
+  Matrix elastic() const { return Panels(basis(), pipe()).elastic; }
 
   /// Operators about a configuration q at rest, or about the straight pipe if q is empty, by a
   /// quadrature that is exact for products of functions. stiffness and flux are the derivatives of
   /// the forces of bending, gravity and terms and of the follower force. Throws
-  /// std::invalid_argument unless q has m entries or none, and with q also as the functions below.
+  /// std::invalid_argument unless q has m entries or none.
   Operators operators(const Vector& q = Vector()) const;
-
-  // The functions below throw std::invalid_argument if the functions of the basis are linearly
-  // dependent to rounding.
 
   /// Number of quadrature nodes on each panel for a configuration q. Throws std::invalid_argument
   /// unless q has m entries.
@@ -112,81 +163,27 @@ class Galerkin {
 
   /// Number of supports that hold the pipe across, x = 0, with the one at the end.
   Index supports() const {
-    return static_cast<Index>(pipe_.supports.size()) + (pipe_.end_held() ? 1 : 0);
+    return static_cast<Index>(pipe().supports.size()) + (pipe().end_held() ? 1 : 0);
   }
-  /// Rate k at which states that violate x = 0 at supports return to it; it is the same for scenes
-  /// (modular).
-  static constexpr double return_rate = 60.0;
   /// x at each support, followed by the derivatives of each of these x by q:
   /// (supports (1 + m), members).
   void held(const Batch& batch, double* out) const;
 
-  /// dy/dtau (2 m, members), in O(N Q m + N m^2 + m^3) a member with N points and Q nodes a panel.
-  /// The result is NaN if the mass matrix is singular to rounding, or if q bends more than the
-  /// largest grid resolves.
-  void rhs(const Batch& batch, double* rates) const;
-  /// Rates of [q, q', W] (2 m + 1, members), where W' is the sum of the power, as for a chain.
-  void rhs_and_power(const Batch& batch, double* rates) const;
-  /// d(dy/dtau)/dy (members, 2 m, 2 m), row-major, at the same order of cost as `rhs`. The drag
-  /// contributes 2 |v_n| dv_n, 0 where v_n = 0.
-  void jacobian(const Batch& batch, double* out) const { differentiate(batch, 0, out); }
-  /// Rates of each member, followed by their derivatives by the speed and by the state (members,
-  /// 2 + 2 m, 2 m), in one evaluation.
-  void linearise(const Batch& batch, double* out) const { differentiate(batch, 2, out); }
-  /// Sum of the kinetic and elastic energies and those of gravity and terms for each member, in O(N
-  /// Q + N m); it is 0 at rest on the straight pipe.
-  void energy(const Batch& batch, double* out) const;
-  /// Power that flow, damping (joints), drag, terms (others) and the motion of the base add to the
-  /// energy, (5, members); their sum is dE/dtau.
-  void power(const Batch& batch, double* out) const;
   /// Axial acceleration and its derivatives as MotionKernel::axial, for [q, q', q''] (3 m,
   /// members), in O(N Q + N m) a member.
   void axial(const Batch& batch, double* out) const;
-  /// Position (x, y) of the free end of each member, then its velocity, (4, members), in O(N m).
-  void tips(const Batch& batch, double* out) const;
-
- private:
-  friend class SpatialGalerkin;
-  const Grids& grids() const;
-  /// Writes the last rows of `linearise` of each member: 2 m rows and `before` rows that precede
-  /// them.
-  void differentiate(const Batch& batch, Index before, double* out) const;
-
-  Pipe pipe_;
-  Basis basis_;
-  Index least_nodes_;
-  mutable std::once_flag moved_;
-  mutable std::unique_ptr<const Grids> grids_;  // made by the first call that needs them
 };
 
-/// The reduced model of a pipe that moves in three dimensions (galerkin/space.hpp), with the same
-/// functions in both planes. A state y = [q_x, q_z, q_x', q_z'] has 4 m entries.
-class SpatialGalerkin {
+/// The reduced model of a pipe that moves in three dimensions (galerkin/space.hpp). A state y =
+/// [q_x, q_z, q_x', q_z'] has 4 m entries.
+class SpatialGalerkin : public ReducedMotion {
  public:
   /// Throws std::invalid_argument for pipes without equations in space, as `SpatialChain` does.
-  SpatialGalerkin(const Pipe& pipe, Basis basis);
+  SpatialGalerkin(const Pipe& pipe, Basis basis, Index least_nodes = 0);
 
-  const Galerkin& planar() const { return planar_; }
-  /// Number of coordinates, 2 m.
-  Index dof() const { return 2 * planar_.dof(); }
   /// As for Galerkin, or that the tangent turns by more than half a turn, where the coordinates
   /// end.
   std::string unresolved(const double* q, Index stride) const;
-
-  // As for Galerkin, with 2 dof rows in a state.
-  void rhs(const Batch& batch, double* rates) const;
-  void rhs_and_power(const Batch& batch, double* rates) const;
-  void jacobian(const Batch& batch, double* out) const { differentiate(batch, 0, out); }
-  void linearise(const Batch& batch, double* out) const { differentiate(batch, 2, out); }
-  void energy(const Batch& batch, double* out) const;
-  void power(const Batch& batch, double* out) const;
-  /// Position (x, y, z) of the free end of each member, then its velocity, (6, members).
-  void tips(const Batch& batch, double* out) const;
-
- private:
-  void differentiate(const Batch& batch, Index before, double* out) const;
-
-  Galerkin planar_;
 };
 
 }  // namespace pipedyn

@@ -42,18 +42,18 @@ void operators(const GridTables& grid, const MotionEffects& effects, const Batch
 namespace pipedyn {
 
 const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
-    .accelerations = run<&Block<double>::accelerations, &Block<Pack>::accelerations>,
-    .energy = run<&Block<double>::energy, &Block<Pack>::energy>,
-    .power = run<&Block<double>::power, &Block<Pack>::power>,
+    .planar = {.accelerations = run<&Block<double>::accelerations, &Block<Pack>::accelerations>,
+               .energy = run<&Block<double>::energy, &Block<Pack>::energy>,
+               .power = run<&Block<double>::power, &Block<Pack>::power>,
+               .tips = run<&Block<double>::tips, &Block<Pack>::tips>,
+               .jacobian = run<&Linearisation<double>::jacobian, &Linearisation<Pack>::jacobian>},
+    .spatial = {.accelerations = in_space<[](auto& of, const auto& set) { of.accelerations(set); }>,
+                .energy = in_space<[](auto& of, const auto& set) { set(0, of.energy()); }>,
+                .power = in_space<[](auto& of, const auto& set) { of.powers(set); }>,
+                .tips = in_space<[](auto& of, const auto& set) { of.tips(set); }>,
+                .jacobian = jacobian_in_space},
     .axial = run<&Axial<double>::axial, &Axial<Pack>::axial>,
-    .tips = run<&Block<double>::tips, &Block<Pack>::tips>,
     .held = run<&Block<double>::held, &Block<Pack>::held>,
-    .jacobian = run<&Linearisation<double>::jacobian, &Linearisation<Pack>::jacobian>,
-    .spatial = {.accelerations = spatial_accelerations_of,
-                .energy = spatial_energy_of,
-                .power = spatial_power_of,
-                .tips = spatial_tips_of,
-                .jacobian = spatial_jacobian_of},
     .operators = ::operators,
 };
 

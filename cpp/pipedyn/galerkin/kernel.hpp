@@ -87,30 +87,30 @@ struct MotionEffects {
 struct GalerkinKernel {
   using Function = void (*)(const GridTables&, const MotionEffects&, const Batch&, double* out);
 
-  /// q'' (m, members), in O(N Q m + N m^2 + m^3) a member. The result is NaN for a member whose
-  /// mass matrix is not positive definite to rounding.
-  Function accelerations;
-  /// Energy of each member, in O(N Q + N m).
-  Function energy;
-  /// Power of flow, damping, drag, terms and the base, (5, members).
-  Function power;
+  struct Motion {
+    /// q'' (m, members), in O(N Q m + N m^2 + m^3) a member. The result is NaN for a member whose
+    /// mass matrix is not positive definite to rounding.
+    Function accelerations;
+    /// Energy of each member, in O(N Q + N m).
+    Function energy;
+    /// Power of flow, damping, drag, terms and the base, (5, members).
+    Function power;
+    /// Position of the free end, x then y, and its velocity, (4, members).
+    Function tips;
+    /// Derivatives of q'' by q, then by q', (m, 2 m, members), then q'' and its derivative by the
+    /// speed, (m, members) each. The drag contributes 2 |v_n| dv_n.
+    Function jacobian;
+  };
+  Motion planar;
+  /// Motion in space (galerkin/space.hpp), of states with 4 m rows: 2 m coordinates in place of m,
+  /// and (x, y, z) in place of (x, y). jacobian is for one member.
+  Motion spatial;
+
   /// Axial acceleration and its derivatives, as MotionKernel::axial.
   Function axial;
-  /// Position of the free end, x then y, and its velocity, (4, members).
-  Function tips;
   /// x where the pipe is held, followed by the derivatives of each of these x by q:
   /// (held (1 + m), members).
   Function held;
-  /// Derivatives of q'' by q, then by q', (m, 2 m, members), then q'' and its derivative by the
-  /// speed, (m, members) each. The drag contributes 2 |v_n| dv_n.
-  Function jacobian;
-
-  /// Motion in space (galerkin/space.hpp), of states with 4 m rows: as above with 2 m coordinates,
-  /// and the position (x, y, z) and velocity of the free end (6, members). jacobian is for one
-  /// member.
-  struct {
-    Function accelerations, energy, power, tips, jacobian;
-  } spatial;
 
   /// Linear operators about one state at rest, for the functions of the tables: the mass matrix (m,
   /// m); the derivatives of all forces except those of bending by q, then by q', (m, 2 m); the

@@ -303,7 +303,7 @@ struct SpatialBlock {
       act(p, w * load.force);
       power.base = power.base - w * base_loss(law, seen, load, drive.velocity);
       at[p].couple = at[p].couple + at[p].across_by(w * load.couple);
-      power.terms = power.terms + w * law.power_in_space(seen);
+      power.terms = power.terms + w * power_of(law, seen, load);
     });
     for (Count k = 0; k < grid.turning; ++k) {
       SpatialPoint<Number>& here = at[grid.turning_at[k]];
@@ -437,12 +437,25 @@ struct SpatialBlock {
     }
   }
 
-  PowerParts<Number> powers() {
+  /// Calls put(k, power) for the five powers.
+  template <class Put>
+  void powers(const Put& put) {
     set_points();
     integrate_positions(false);
     PowerParts<Number> power = load();
     power.joints = bend();
-    return power;
+    power.each(put);
+  }
+
+  /// Calls put(k, number) for the position of the free end and its velocity.
+  template <class Put>
+  void tips(const Put& put) {
+    set_points();
+    integrate_positions(false);
+    for (Count k = 0; k < 3; ++k) {
+      put(k, get(integrals + last * row, place + k));
+      put(3 + k, get(integrals + last * row, speed + k));
+    }
   }
 
   Number energy() {
@@ -501,12 +514,11 @@ void with_spatial_block(const GridTables& grid, const MotionEffects& effects, co
 
 /// Calls body(block, set) for a batch of one member or of as many as a pack holds; set(i, x) writes
 /// result i.
-template <class Body>
-void for_spatial_members(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                         double* out, const Body& body) {
+template <auto body>
+void in_space(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
+              double* out) {
   const auto run = [&]<class Real>(const Real&) {
-    const BlockStates<Real> rows{batch};
-    with_spatial_block<Real>(grid, effects, rows, [&](auto& block) {
+    with_spatial_block<Real>(grid, effects, BlockStates<Real>{batch}, [out](auto& block) {
       body(block, [out](Count i, const Real& x) { set(out, i, x); });
     });
   };
@@ -517,65 +529,18 @@ void for_spatial_members(const GridTables& grid, const MotionEffects& effects, c
   }
 }
 
-void spatial_accelerations_of(const GridTables& grid, const MotionEffects& effects,
-                              const Batch& batch, double* out) {
-  for_spatial_members(grid, effects, batch, out,
-                      [](auto& block, const auto& set) { block.accelerations(set); });
-}
-
-void spatial_energy_of(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                       double* out) {
-  for_spatial_members(grid, effects, batch, out,
-                      [](auto& block, const auto& set) { set(0, block.energy()); });
-}
-
-void spatial_power_of(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                      double* out) {
-  for_spatial_members(grid, effects, batch, out, [](auto& block, const auto& set) {
-    const auto parts = block.powers();
-    set(0, parts.flow);
-    set(1, parts.joints);
-    set(2, parts.drag);
-    set(3, parts.terms);
-    set(4, parts.base);
-  });
-}
-
-/// Position and velocity of the free end of each member, (6, members).
-void spatial_tips_of(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                     double* out) {
-  for_spatial_members(grid, effects, batch, out, [](auto& block, const auto& set) {
-    block.set_points();
-    block.integrate_positions(false);
-    const auto place = block.integral(block.last, block.place);
-    const auto moving = block.integral(block.last, block.speed);
-    set(0, place.x);
-    set(1, place.y);
-    set(2, place.z);
-    set(3, moving.x);
-    set(4, moving.y);
-    set(5, moving.z);
-  });
-}
-
 /// For one member the derivatives of q'' by the state, (2 m, 4 m), then q'' and its derivative by
 /// the speed, (2 m) each.
-void spatial_jacobian_of(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                         double* out) {
+void jacobian_in_space(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
+                       double* out) {
   using Number = Dual<Pack, 1u>;
   const Count n = 2 * grid.functions, rows = 2 * n;
   for (Count first = 0; first <= rows; first += width) {
     const Seeded<Pack> seeded{batch, 0, first, rows};
     with_spatial_block<Number>(grid, effects, seeded, [&](auto& block) {
       block.accelerations([&](Count i, const Number& x) {
-        double slopes[width], values[width];
-        store(slopes, x.slopes[0]);
-        store(values, x.value);
-        out[n * rows + i] = values[0];
-        for (Count lane = 0; lane < width && first + lane <= rows; ++lane) {
-          const Count by = first + lane;
-          (by < rows ? out[i * rows + by] : out[n * rows + n + i]) = slopes[lane];
-        }
+        double* const value = out + n * rows + i;
+        put_derivatives(x, first, rows, out + i * rows, value, value + n);
       });
     });
   }

@@ -119,13 +119,13 @@ struct Twin {
     apart = std::sqrt(most) + std::abs(one.radius - other.radius);
   }
 
-  /// Calls visit with the real parts of each control point and their difference, until it returns
-  /// false. Returns whether it never does.
+  /// Calls visit with the number of each control point, its real parts and their difference, until
+  /// it returns false. Returns whether it never does.
   template <class Visit>
   bool real_parts(const Visit& visit) const {
     for (std::size_t p = 0; p < 4; ++p) {
       const double a = one.points[p].real() + one.radius, b = other.points[p].real() + other.radius;
-      if (!visit(a, b, std::abs(a - b))) return false;
+      if (!visit(p, a, b, std::abs(a - b))) return false;
     }
     return true;
   }
@@ -134,11 +134,9 @@ struct Twin {
   /// at_rest: whether it may begin on the axis, where no damping is; seen: whether pipes between
   /// will be seen to be on the left at the end of the step.
   bool decays(bool at_rest, bool seen) const {
-    int p = 0;
-    return real_parts([&](double a, double b, double difference) {
-      const bool begins = p == 0, ends = ++p == 4;
-      if (begins && at_rest && a == 0.0 && b == 0.0) return true;
-      return a < 0.0 && b < 0.0 && ((ends && seen) || difference <= alike * std::min(-a, -b));
+    return real_parts([&](std::size_t p, double a, double b, double difference) {
+      if (p == 0 && at_rest && a == 0.0 && b == 0.0) return true;
+      return a < 0.0 && b < 0.0 && ((p == 3 && seen) || difference <= alike * std::min(-a, -b));
     });
   }
 
@@ -148,7 +146,7 @@ struct Twin {
     const double rise = one.points[3].real() - one.points[0].real();
     int uncertain = 0;
     bool rises = false;
-    const bool passes = real_parts([&](double a, double b, double difference) {
+    const bool passes = real_parts([&](std::size_t, double a, double b, double difference) {
       const double low = std::min(a, b) - alike * difference;
       const double high = std::max(a, b) + alike * difference;
       if (difference > alike * rise || (rises && low <= 0.0)) return false;

@@ -45,12 +45,13 @@ class Charts {
     constexpr double in_plane = 1e-13;
     bool changed = false;
     for (Index j = 0; j < segments(); ++j) {
-      const auto [x, z, dx, dz] = at(y, j);
+      const Segment segment(y, j, segments());
+      const auto [x, z, dx, dz] = segment;
       const double rho = std::hypot(*x, *z), rate = std::hypot(*dx, *dz);
       if (!(rho > farthest) || !changes_[static_cast<std::size_t>(j)]) continue;
       if (!(std::abs(*x * *dz - *z * *dx) > in_plane * rho * rate)) continue;
       const double k = std::round(rho / pi), sign = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
-      shorten(y, j, k, sign);
+      segment.shorten(k, sign);
       signs_(j, member) *= sign;
       if (sign < 0.0) turned_over_ += signs_(j, member) < 0.0 ? 1 : -1;
       changed = true;
@@ -58,14 +59,18 @@ class Charts {
     return changed;
   }
 
-  /// Replaces a member's state by that in the first chart, with rho up to pi for segments that were
-  /// in the second one. Rates are large close to pi, where the chart is singular.
-  void leave(Index member, double* y) const {
-    for (Index j = 0; j < segments(); ++j) {
-      if (signs_(j, member) > 0.0) continue;
-      const auto [x, z, dx, dz] = at(y, j);
+  /// Replaces a member's state by that in the first chart.
+  void leave(Index member, double* y) const { leave(of(member), y); }
+  /// Replaces a state whose segments have these signs by that in the first chart, with rho up to pi
+  /// for segments that were in the second one. Rates are large close to pi, where the chart is
+  /// singular.
+  static void leave(const auto& signs, double* y) {
+    for (Index j = 0; j < signs.size(); ++j) {
+      if (signs[j] > 0.0) continue;
+      const Segment segment(y, j, signs.size());
+      const auto [x, z, dx, dz] = segment;
       if (*x != 0.0 || *z != 0.0) {
-        shorten(y, j, 1.0, -1.0);
+        segment.shorten(1.0, -1.0);
         continue;
       }
       const double rate = std::hypot(*dx, *dz);  // from the side that it comes from
@@ -78,23 +83,22 @@ class Charts {
 
  private:
   static constexpr double pi = 3.141592653589793;
+  /// The numbers of segment j of n in a state.
   struct Segment {
     double *x, *z, *dx, *dz;
+
+    Segment(double* y, Index j, Index n)
+        : x(y + j), z(y + n + j), dx(y + 2 * n + j), dz(y + 3 * n + j) {}
+    /// Replaces a by sign (1 - k pi / rho) a.
+    void shorten(double k, double sign) const {
+      const double rho = std::hypot(*x, *z), factor = (rho - k * pi) / rho;
+      const double radial = k * pi / rho * ((*x / rho) * *dx + (*z / rho) * *dz) / rho;
+      *dx = sign * (factor * *dx + radial * *x);
+      *dz = sign * (factor * *dz + radial * *z);
+      *x *= sign * factor;
+      *z *= sign * factor;
+    }
   };
-  Segment at(double* y, Index j) const {
-    const Index n = segments();
-    return {y + j, y + n + j, y + 2 * n + j, y + 3 * n + j};
-  }
-  /// Replaces a by sign (1 - k pi / rho) a.
-  void shorten(double* y, Index j, double k, double sign) const {
-    const auto [x, z, dx, dz] = at(y, j);
-    const double rho = std::hypot(*x, *z), factor = (rho - k * pi) / rho;
-    const double radial = k * pi / rho * ((*x / rho) * *dx + (*z / rho) * *dz) / rho;
-    *dx = sign * (factor * *dx + radial * *x);
-    *dz = sign * (factor * *dz + radial * *z);
-    *x *= sign * factor;
-    *z *= sign * factor;
-  }
 
   std::vector<bool> changes_;
   Matrix signs_;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <span>
 #include <utility>
 
 #include "pipedyn/motion/radau_coefficients.hpp"
@@ -232,11 +233,14 @@ double Radau::error(double h) {
 
 namespace {
 
-/// Numbers of places between two stages, or the start and the first, at which `unseen` looks: with
-/// one, a tenth of the motions that graze a stop were wrong, with three none of 300.
-constexpr Index places = 3;
+/// Number of places after each stage, or the start, up to the next stage at which `unseen` looks:
+/// with one between stages, a tenth of the motions that graze a stop were wrong. The last place is
+/// the stage itself, whose rates are asked again if Newton's method ended with its first iteration:
+/// it then saw those of predicted stages, which may not have been in contact. Without that a tenth
+/// of the motions that graze a stop were wrong, with it none of 3000.
+constexpr Index places = 4;
 
-/// Weights of the stages in the changes and the slopes, times h, at a place between the stages.
+/// Weights of the stages in the changes and the slopes, times h, at a place up to each stage.
 struct Between {
   Vector shares = Vector(radau::stages), gaps = Vector(radau::stages);  // of the step
   Table values{}, slopes{};
@@ -265,7 +269,8 @@ struct Between {
 /// stiff modes multiply what Newton's method leaves, it is four times the change that systems of
 /// the step give where that is less.
 double Radau::unseen(Index which, double h, Index& evaluations) {
-  static const std::array<Between, places> all{Between(0.25), Between(0.5), Between(0.75)};
+  static const std::array<Between, places> all{Between(0.25), Between(0.5), Between(0.75),
+                                               Between(1.0)};
   constexpr Index systems = MotionKernel::shifts;
   const Index n = of_.solved;
   // Below this relative tolerance rounding of the rates would be seen.
@@ -280,36 +285,33 @@ double Radau::unseen(Index which, double h, Index& evaluations) {
                ? std::sqrt(shares.colwise().squaredNorm().maxCoeff() / static_cast<double>(n))
                : std::numeric_limits<double>::infinity();
   };
-  // Positions at the start, then at the places before each stage and at the stage itself.
+  // Positions at the start, then at the places up to each stage.
   const Index rows = stops_->angles.size() > 0 ? stops_->angles.cols() : stops_->weights.cols();
-  constexpr Index each = places + 1;
-  Matrix positions(rows, 1 + each * radau::stages);
+  Matrix positions(rows, 1 + places * radau::stages);
   Vector shares = Vector::Zero(positions.cols());
-  const auto put = [&](Index from, const Matrix& states, const Vector& at) {
-    for (Index i = 0; i < radau::stages; ++i) {
-      positions.col(from + each * i) = states.col(i).head(rows);
-      shares[from + each * i] = at[i];
-    }
-  };
-  const auto go_between = [&](const Between& at) {
+  const auto go_to = [&](const Between& at) {
     combine_rows(z_.data(), at.values, n, between_.data());
     between_.topRows(n).colwise() += y_.head(n);
   };
   positions.col(0) = y_.head(rows);
-  put(each, at_, Eigen::Map<const Vector>(radau::nodes, radau::stages));
   for (Index place = 0; place < places; ++place) {
     const Between& at = all[static_cast<std::size_t>(place)];
-    go_between(at);
-    put(1 + place, between_, at.shares);
+    go_to(at);
+    for (Index i = 0; i < radau::stages; ++i) {
+      positions.col(1 + place + places * i) = between_.col(i).head(rows);
+      shares[1 + place + places * i] = at.shares[i];
+    }
   }
   constexpr double halving = 512.0;  // half as long a step shows more
   const Contact found = contact(positions, shares);
   if (found == Contact::passed) return halving;
   if (found == Contact::none) return 0.0;
-  evaluations += places * radau::stages;
+  left_ = 1.0;  // the next step may be in contact where this one was not
+  const Index asked = iterations_ > 1 ? places - 1 : places;
+  evaluations += asked * radau::stages;
   double worst = 0.0;
-  for (const Between& at : all) {
-    go_between(at);
+  for (const Between& at : std::span(all).first(static_cast<std::size_t>(asked))) {
+    go_to(at);
     combine_rows(z_.data(), at.slopes, n, x_.data());
     of_.rates(members_[which].time + h * at.shares.array(), between_.data(), same_,
               rates_at_.data());
@@ -369,6 +371,7 @@ Index Radau::step(double end) {
     solved = false;
   }
   member.evaluations += evaluations;
+  if (!solved) left_ = 1.0;
   if (solved && found <= 1.0) {
     const double more = 2.0 * most_iterations;
     double factor = safety * (more + 1.0) / (more + static_cast<double>(iterations_)) *

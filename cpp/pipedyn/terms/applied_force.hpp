@@ -33,6 +33,7 @@ struct AppliedLoad : AppliedForce {
 /// An applied force at one time and place, as a law.
 template <class Real>
 struct AppliedNow : NoLaw {
+  static constexpr bool has_potential = false;
   Real x{}, y{}, z{};
 
   /// row(k): row k of the drive behind the motion of the base. Clenshaw's recurrence.
@@ -54,11 +55,7 @@ struct AppliedNow : NoLaw {
   }
   AppliedNow() = default;
   auto load(const auto&) const { return Load(x, y); }
-  Real power(const Station<Real>& at) const { return x * at.vx + y * at.vy; }
   SpatialLoad<Real> load_in_space(const SpatialStation<Real>&) const { return {{x, y, z}}; }
-  Real power_in_space(const SpatialStation<Real>& at) const {
-    return x * at.v.x + y * at.v.y + z * at.v.z;
-  }
 };
 
 }  // namespace

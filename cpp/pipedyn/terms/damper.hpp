@@ -11,21 +11,14 @@ namespace {
 
 struct Damper : NoLaw {
   static constexpr const char* name = "damper";
+  static constexpr bool has_potential = false;
   double c, c_z;
 
   explicit Damper(const pipedyn::Term& term) : c(term.numbers[0]), c_z(term.numbers[1]) {}
   auto load(const auto& at) const { return Load(-c * at.vx, none); }
-  template <class Real>
-  Real power(const Station<Real>& at) const {
-    return -c * (at.vx * at.vx);
-  }
   template <class Number>
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
     return {off_axis(at.v, -c, -c_z)};
-  }
-  template <class Number>
-  Number power_in_space(const SpatialStation<Number>& at) const {
-    return -1.0 * dot(off_axis(at.v, c, c_z), at.v);
   }
 };
 

@@ -11,21 +11,14 @@ namespace {
 
 struct FollowerForce : NoLaw {
   static constexpr const char* name = "follower_force";
+  static constexpr bool has_potential = false;
   double force;
 
   explicit FollowerForce(const pipedyn::Term& term) : force(term.numbers[0]) {}
   auto load(const auto& at) const { return Load(-force * at.sine, -force * at.cosine); }
-  template <class Real>
-  Real power(const Station<Real>& at) const {
-    return -force * (at.sine * at.vx + at.cosine * at.vy);
-  }
   template <class Number>
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
     return {-force * at.t};
-  }
-  template <class Number>
-  Number power_in_space(const SpatialStation<Number>& at) const {
-    return -force * dot(at.t, at.v);
   }
 };
 

@@ -13,31 +13,18 @@ namespace {
 
 struct RotationalDamper : NoLaw {
   static constexpr const char* name = "rotational_damper";
+  static constexpr bool has_potential = false;
   double c, c_z;
 
   explicit RotationalDamper(const pipedyn::Term& term) : c(term.numbers[0]), c_z(term.numbers[1]) {}
   auto load(const auto& at) const { return Load(none, none, -c * at.omega); }
-  template <class Real>
-  Real power(const Station<Real>& at) const {
-    return -c * (at.omega * at.omega);
-  }
   template <class Number>
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
     if (c == c_z) return {Space<Number>{}, -c * at.w};
-    const Space<Number> turned = cross(at.t, resisted(cross(at.t, at.rate)));
-    return {Space<Number>{}, {dot(at.nx, turned), dot(at.nz, turned)}};
-  }
-  template <class Number>
-  Number power_in_space(const SpatialStation<Number>& at) const {
-    if (c == c_z) return -c * dot(at.w, at.w);
     const Space<Number> spin = cross(at.t, at.rate);
-    return -1.0 * dot(resisted(spin), spin);
-  }
-
- private:
-  template <class Number>
-  Space<Number> resisted(const Space<Number>& spin) const {
-    return {c_z * spin.x, 0.5 * (c + c_z) * spin.y, c * spin.z};
+    const Space<Number> resisted{c_z * spin.x, 0.5 * (c + c_z) * spin.y, c * spin.z};
+    const Space<Number> turned = cross(at.t, resisted);
+    return {Space<Number>{}, {dot(at.nx, turned), dot(at.nz, turned)}};
   }
 };
 

@@ -70,6 +70,9 @@ struct NoLaw {
   static constexpr bool moves = true;
   // The load is that of an AppliedNow, which models make from the law and the drive of a batch.
   static constexpr bool applied = false;
+  // The load is that of the potential `energy`, but for a part whose power is `power`. A law
+  // without a potential needs neither: its power is that of its load.
+  static constexpr bool has_potential = true;
 
   double mass() const { return 0.0; }        // mass, or mass per length
   double inertia() const { return 0.0; }     // rotary inertia, at one place
@@ -232,7 +235,25 @@ Station<Real> about(const Station<Real>& at, const Real& x, const Real& y, const
   return {at.x - x, at.y - y, at.theta, at.sine, at.cosine, at.vx - vx, at.vy - vy, at.omega};
 }
 
-/// Power that a load of a law adds to that given by `power` as the base moves with the velocity
+/// Power of a load of a law but for the change of its potential.
+template <class Law, class Real>
+Real power_of(const Law& law, const Station<Real>& at, const Acting<Real>& load) {
+  if constexpr (Law::has_potential) return law.power(at);
+  using Of = DifferentiatedLoad<Law>;
+  Real sum = load.x * at.vx;  // without what the law does not have
+  if constexpr (!std::is_same_v<decltype(Of::y), None>) sum += load.y * at.vy;
+  if constexpr (!std::is_same_v<decltype(Of::couple), None>) sum += load.couple * at.omega;
+  return sum;
+}
+
+/// Power of a load in space but for the change of its potential.
+template <class Law, class Number>
+Number power_of(const Law& law, const SpatialStation<Number>& at, const SpatialLoad<Number>& load) {
+  if constexpr (Law::has_potential) return law.power_in_space(at);
+  return dot(load.force, at.v) + dot(load.couple, at.w);
+}
+
+/// Power that a load of a law adds to `power_of` as the base moves with the velocity
 /// (vx, vy). The energy of the fluid that moves with the pipe is counted relative to the base, the
 /// energy of springs relative to the ground.
 template <class Law, class Real>

@@ -12,27 +12,17 @@ namespace {
 struct Viscosity : NoLaw {
   static constexpr const char* name = "viscosity";
   static constexpr bool along = true;
+  static constexpr bool has_potential = false;
   double c;
 
   explicit Viscosity(const pipedyn::Term& term) : c(term.numbers[0]) {}
-  static auto normal(const auto& at) { return at.cosine * at.vx - at.sine * at.vy; }
   auto load(const auto& at) const {
-    const auto force = -c * normal(at);
+    const auto force = -c * (at.cosine * at.vx - at.sine * at.vy);
     return Load(force * at.cosine, -(force * at.sine));
-  }
-  template <class Real>
-  Real power(const Station<Real>& at) const {
-    const Real speed = normal(at);
-    return -c * (speed * speed);
   }
   template <class Number>
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
     return {-c * (at.v - dot(at.v, at.t) * at.t)};
-  }
-  template <class Number>
-  Number power_in_space(const SpatialStation<Number>& at) const {
-    const Number along = dot(at.v, at.t);
-    return -c * (dot(at.v, at.v) - along * along);
   }
 };
 

@@ -328,7 +328,7 @@ def attractors(
     some = [case.solutions[k] for k in order]
     basins = []
     for k, one in zip(order, some, strict=True):
-        images = (j for j, other in enumerate(some) if one.is_mirror_image(other, drive.shifts))
+        images = (j for j, other in enumerate(some) if one.is_mirror_image(other, case.shifts))
         image = next(images, -1) if case.odd else -1
         start = int(np.argmax(ends == k))
         basins.append(_basin(model, drive, options, one, shares[k], start, image))

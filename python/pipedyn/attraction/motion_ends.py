@@ -203,7 +203,12 @@ class Case:
     @cached_property
     def odd(self) -> bool:
         """Whether the mirror image of every motion is a motion; in space from z to -z."""
-        return self.model.dimensions == 3 or self.drive.is_odd(self.model)
+        return self.drive.is_odd(self.model)
+
+    @property
+    def shifts(self) -> bool:
+        """Whether the mirror image of a motion is half a period later; never so in space."""
+        return self.drive.shifts and self.model.dimensions == 2
 
     @property
     def attracting(self) -> list[int]:
@@ -223,7 +228,7 @@ class Case:
 
         If a known solution holds its last state, the number is that of the known one.
         """
-        shifts, numbers = self.drive.shifts, list[int]()
+        shifts, numbers = self.shifts, list[int]()
         images = [one]
         if self.odd and not one.is_mirror_image(one, shifts):
             images.append(one.mirrored(shifts))

@@ -197,7 +197,7 @@ class Continuation(ABC):
 
     def next(
         self: Equations, start: Point, step: float, ahead: Callable[[float], Array] | None = None
-    ) -> tuple[Segment[Equations], float]:
+    ) -> tuple[BranchStep[Equations], float]:
         """The step to the next point, not longer than `step`, and the length to try after it.
 
         Newton's method begins at `ahead(ds)` for the arc length ds or, without `ahead`, on the
@@ -218,11 +218,11 @@ class Continuation(ABC):
             if step < control.shortest:
                 raise reason
         longer = 1.5 if straight > math.cos(0.5 * control.turn) else 1.0
-        return Segment(self, start, found), min(longer * step, control.longest)
+        return BranchStep(self, start, found), min(longer * step, control.longest)
 
     def segments(
         self: Equations, start: Point, step: float, marks: Iterable[tuple[int, float]] = ()
-    ) -> Iterator[Segment[Equations]]:
+    ) -> Iterator[BranchStep[Equations]]:
         """Endless sequence of steps along the branch; NewtonFailed if none can be taken.
 
         A step ends where an entry of z passes one of the marks, pairs of its index and a value.
@@ -236,7 +236,7 @@ class Continuation(ABC):
 
 @saved_as("StepAlongBranch")
 @dataclass(frozen=True)
-class Segment(Generic[Equations]):
+class BranchStep(Generic[Equations]):
     """Part of a branch between two neighbouring points; any point on it can be solved for."""
 
     problem: Equations
@@ -244,7 +244,7 @@ class Segment(Generic[Equations]):
     end: Point
 
     @classmethod
-    def restored(cls, fields: dict[str, Any]) -> Segment[Equations]:
+    def restored(cls, fields: dict[str, Any]) -> BranchStep[Equations]:
         """The segment with fields from a file; TypeError if `problem` is no `Continuation`."""
         check.instance("problem", fields["problem"], Continuation, "equations")
         return cls(**fields)
@@ -310,7 +310,7 @@ class Segment(Generic[Equations]):
             self._known[s] = found, self._derivative(found)
         return self._known[s][0]
 
-    def up_to(self, marks: Iterable[tuple[int, float]]) -> Segment[Equations]:
+    def up_to(self, marks: Iterable[tuple[int, float]]) -> BranchStep[Equations]:
         """The part up to the first place where an entry of z passes one of the marks.
 
         `marks` are pairs (index of the entry, value). If none is passed, it is the whole segment.
@@ -322,7 +322,7 @@ class Segment(Generic[Equations]):
         cut = min((self.where(v, i) for i, v in passed), key=self.reach)
         return replace(self, end=self.problem.point(cut, self.begin.tangent))
 
-    def parts(self, lengths: list[float]) -> list[Segment[Equations]]:
+    def parts(self, lengths: list[float]) -> list[BranchStep[Equations]]:
         """The segments into which points at these arc lengths divide this segment."""
         points = [self.begin, *map(self.at, lengths), self.end]
         return [replace(self, begin=a, end=b) for a, b in pairwise(points)]

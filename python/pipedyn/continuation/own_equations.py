@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.continuation.arclength import Continuation, Control, DenseProblem, Point, Segment
+from pipedyn.continuation.arclength import BranchStep, Continuation, Control, DenseProblem, Point
 from pipedyn.continuation.tracer import BranchEnd, TestFunction, Tracer, reason_of, special_points
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -176,7 +176,7 @@ def follow(
         failures += _proportion(every[:, :-1], scale)
     marked, unknown = list[MarkedPoint](), dict[str, str]()
     for i, (a, b) in enumerate(pairwise(solutions)):
-        segment, found = Segment(solver, a, b), list[tuple[float, str]]()
+        segment, found = BranchStep(solver, a, b), list[tuple[float, str]]()
         # Rounding may hide a zero at an end; a closed branch ends at its first point.
         near = i == 0 and ends[0] != "closed", i == len(solutions) - 2
         for name, test in (("fold", None), *given.items()):
@@ -365,7 +365,7 @@ def _test_value(name: Any, test: Callable[[Array, float], float], x: Array, p: f
 
 
 def _folds_or_zeros(
-    step: Segment[Continuation],
+    step: BranchStep[Continuation],
     name: Any,
     test: Callable[[Array, float], float] | None,
     near: tuple[bool, bool],

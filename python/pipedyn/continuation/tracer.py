@@ -23,7 +23,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 from numpy.typing import ArrayLike
 
-from pipedyn.continuation.arclength import Equations, Point, Segment
+from pipedyn.continuation.arclength import BranchStep, Equations, Point
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed, zero_between
 
@@ -61,7 +61,7 @@ class TestFunction:
         beside_folds: share of the step on either side of a fold in which zeros are not looked for.
     """
 
-    step: Segment[Any]
+    step: BranchStep[Any]
     tolerance: float
     values: Callable[[Point], ArrayLike]
     name: str | Callable[[float, float], str] = ""
@@ -108,7 +108,7 @@ class TestFunction:
             low = beyond
 
 
-def folds(step: Segment[Equations], rtol: float) -> list[tuple[float, float]]:
+def folds(step: BranchStep[Equations], rtol: float) -> list[tuple[float, float]]:
     """Arc lengths right before and right beyond each fold on a step, which has two folds at most.
 
     Folds are located to `rtol` times the length of the step: the slope dp/ds of the parameter
@@ -136,7 +136,7 @@ def folds(step: Segment[Equations], rtol: float) -> list[tuple[float, float]]:
     return found
 
 
-def between_folds(step: Segment[Equations], rtol: float) -> list[Segment[Equations]]:
+def between_folds(step: BranchStep[Equations], rtol: float) -> list[BranchStep[Equations]]:
     """Parts of a step on which the parameter does not turn back.
 
     Folds are located to `rtol` times the length of the step.
@@ -145,7 +145,7 @@ def between_folds(step: Segment[Equations], rtol: float) -> list[Segment[Equatio
 
 
 def special_points(
-    step: Segment[Equations],
+    step: BranchStep[Equations],
     fold_rtol: float,
     tests: Iterable[TestFunction],
     until: float | None = None,
@@ -199,7 +199,7 @@ class Tracer(Generic[Equations]):
     ) -> None:
         self.limits, self.most, self.failing = list(limits), most, failing
 
-    def note(self, step: Segment[Equations]) -> str | None:
+    def note(self, step: BranchStep[Equations]) -> str | None:
         """Records a step, and returns why the branch ends with it, or None if it goes on.
 
         A NewtonFailed that it raises also ends the branch, as one that was not followed further.
@@ -208,7 +208,7 @@ class Tracer(Generic[Equations]):
 
     def one_way(
         self,
-        steps: Iterator[Segment[Equations]],
+        steps: Iterator[BranchStep[Equations]],
         problem: Equations | None = None,
         begin: Point | None = None,
     ) -> tuple[list[Point], str, str]:
@@ -271,10 +271,10 @@ class Tracer(Generic[Equations]):
 
     def _within_limits(
         self,
-        steps: Iterator[Segment[Equations]],
+        steps: Iterator[BranchStep[Equations]],
         problem: Equations | None,
         begin: Point | None,
-    ) -> Iterator[Segment[Equations]]:
+    ) -> Iterator[BranchStep[Equations]]:
         """Steps up to the first limit.
 
         If no step can be taken and a limit is right ahead, the last step leads to this limit.
@@ -290,7 +290,7 @@ class Tracer(Generic[Equations]):
         except self.failing:
             if problem is None or begin is None or not (edge := self._at_edge(problem, begin)):
                 raise
-            yield Segment(problem, begin, edge)
+            yield BranchStep(problem, begin, edge)
 
     def _at_edge(self, problem: Equations, point: Point) -> Point | None:
         """The point at a limit that is right ahead, within `near_limit`; None if there is none.
@@ -325,7 +325,7 @@ AT_END = 1e-6
 """Distance from an end of a step, as a share of its length, that counts as rounding."""
 
 
-def passes_through(step: Segment[Equations], z: Array, after: float = AT_END) -> bool:
+def passes_through(step: BranchStep[Equations], z: Array, after: float = AT_END) -> bool:
     """Whether a solution z lies on a step, beyond the share `after` of its length."""
     if z.size != step.begin.z.size:  # z is an orbit on another mesh
         return False

@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, Point, Segment
+from pipedyn.continuation.arclength import BranchStep, Control, Point
 from pipedyn.continuation.tracer import AT_END, Tracer, passes_through
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
@@ -92,11 +92,11 @@ class TracedCurve:
     marks: list[tuple[int, int]] = field(default_factory=list)
     values: Array = field(default_factory=lambda: np.empty((0, 2)))
 
-    def segments(self) -> Iterator[Segment[AxisProblem]]:
+    def segments(self) -> Iterator[BranchStep[AxisProblem]]:
         """Segments of the curve between neighbouring points."""
         for a, b in pairwise(self.points):
             self.problem.renew()
-            yield Segment(self.problem, a, b)
+            yield BranchStep(self.problem, a, b)
 
     def places(self) -> Array:
         """(x, y) of each point, shape (S, 2)."""

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Point, Segment
+from pipedyn.continuation.arclength import BranchStep, Point
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.curves.event_onset import Onset
 from pipedyn.curves.event_plane import EVENTS, EventPlane, Followed
@@ -111,7 +111,7 @@ class CyclePoint(Result):
     amplitude: float
 
 
-EventStep = Segment[EventProblem]
+EventStep = BranchStep[EventProblem]
 
 
 @dataclass(frozen=True)

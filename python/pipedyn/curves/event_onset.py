@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from pipedyn.continuation.arclength import Segment
+from pipedyn.continuation.arclength import BranchStep
 from pipedyn.continuation.tracer import TestFunction
 from pipedyn.curves.boundary import Boundary, boundaries_in, checked_window
 from pipedyn.curves.boundary_curves import TracedCurve
@@ -29,7 +29,7 @@ SAME_ONSET = 1e-4
 """Relative difference of speed up to which a boundary is taken to pass the onset of a branch: two
 onsets are farther apart."""
 
-OnsetStep = Segment[AxisProblem]
+OnsetStep = BranchStep[AxisProblem]
 
 
 class Onset:

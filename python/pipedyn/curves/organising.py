@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, Point, Segment
+from pipedyn.continuation.arclength import BranchStep, Control, Point
 from pipedyn.continuation.tracer import TestFunction
 from pipedyn.curves.boundary_curves import CurveStart, TracedCurve
 from pipedyn.equilibrium.axis_problems import (
@@ -271,7 +271,7 @@ def separate(plane: Plane, curve: TracedCurve, places: list[tuple[int, float, in
             continue
         with suppress(NewtonFailed):
             curve.problem.renew()
-            segment = Segment(curve.problem, *curve.points[step : step + 2])
+            segment = BranchStep(curve.problem, *curve.points[step : step + 2])
             point = segment.at(0.5 * (left + right))
             curve.points.insert(step + 1, point)
             count = others_unstable(plane, curve.problem, point.z)
@@ -288,7 +288,7 @@ def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
 
 
 def _approximate_points(
-    step: Segment[AxisProblem], plane: Plane
+    step: BranchStep[AxisProblem], plane: Plane
 ) -> Iterator[tuple[float, DoublePoint]]:
     """Approximate double points on a step of a curve, each after the arc length beyond it."""
     problem = step.problem

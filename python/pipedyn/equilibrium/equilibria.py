@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
-from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
+from pipedyn.continuation.arclength import BranchStep, Control, DenseProblem, Point
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.rest import BranchOfRest
@@ -893,7 +893,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         steps = branch.segments(start, 0.2 * self.longest, [(-1, start.p)])
         return self.one_way(steps, branch, start)[1]
 
-    def note(self, step: Segment[DenseProblem]) -> str | None:
+    def note(self, step: BranchStep[DenseProblem]) -> str | None:
         """Keeps the end of a step and the changes on it; returns why the branch ends there.
 
         In an undamped pipe an eigenvalue is like the square root of the distance to a fold, so that

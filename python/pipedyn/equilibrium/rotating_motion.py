@@ -26,11 +26,12 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
+from pipedyn.continuation.arclength import BranchStep, Control, DenseProblem, Point
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.equilibrium.equilibria import BranchPoint, Change
 from pipedyn.equilibrium.hopf import HopfPoint, hopf
 from pipedyn.linear.neutral import beyond_rounding, growth
+from pipedyn.linear.sensitivity import of_each
 from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
 from pipedyn.models.space import SpatialModel
@@ -130,28 +131,25 @@ class RotatingBranch(TableResult):
     def __len__(self) -> int:
         return len(self.motions)
 
-    def _of_each(self, name: str) -> NDArray[Any]:
-        return np.array([getattr(one, name) for one in self.motions])
-
     @property
     def speeds(self) -> Array:
         """Flow speed u, shape (S,)."""
-        return self._of_each("u")
+        return of_each(self.motions, "u")
 
     @property
     def radii(self) -> Array:
         """Distance of the free end from the axis in L, shape (S,)."""
-        return self._of_each("radius")
+        return of_each(self.motions, "radius")
 
     @property
     def frequencies(self) -> Array:
         """Angular velocity in 1 / T, shape (S,)."""
-        return self._of_each("frequency")
+        return of_each(self.motions, "frequency")
 
     @property
     def stable(self) -> NDArray[np.bool_]:
         """Whether each motion is stable, shape (S,)."""
-        return self._of_each("stable")
+        return np.array([one.stable for one in self.motions])
 
     def at(self, u: float) -> tuple[RotatingMotion, ...]:
         """The motions at one of the speeds asked for, in order along the branch."""
@@ -162,7 +160,7 @@ class RotatingBranch(TableResult):
         return {
             "speed": self.speeds,
             "radius": self.radii,
-            "height": self._of_each("height"),
+            "height": of_each(self.motions, "height"),
             "frequency": self.frequencies,
             "stable": self.stable,
         }
@@ -283,7 +281,7 @@ class _RotatingTracer(Tracer[DenseProblem]):
         steps = problem.segments(start, FIRST_RADIUS, self.marks)
         return self.one_way(steps, problem, start)
 
-    def note(self, step: Segment[DenseProblem]) -> str | None:
+    def note(self, step: BranchStep[DenseProblem]) -> str | None:
         """Keeps the end of a step and changes on it, or the motion at the speed `until`."""
         if self.until is not None:
             self.over = (step.begin.p - self.until) * (step.end.p - self.until) <= 0.0
@@ -295,15 +293,12 @@ class _RotatingTracer(Tracer[DenseProblem]):
             odd = (test.positive(s) - test.positive(before)) % 2
             return "branch point" if odd else "hopf"
 
-        test = TestFunction(step, 1e-8 * step.length, self._growth, kind, known)
-        found = special_points(step, 1e-8, [test])
-        turns = [s for name, _, s in found if name == "fold"]
-        for name, _, s in found:
-            # At a fold a real exponent passes 0, which is one change and listed once.
-            if name == "fold" or all(abs(s - turn) > 1e-3 * step.length for turn in turns):
-                z = step.at(s).z
-                self.path.append(z)
-                self.changes.append(self._point(cast(Change, name), z))
+        # At a fold a real exponent passes 0, which is one change and listed once.
+        test = TestFunction(step, 1e-8 * step.length, self._growth, kind, known, beside_folds=1e-3)
+        for name, _, s in special_points(step, 1e-8, [test]):
+            z = step.at(s).z
+            self.path.append(z)
+            self.changes.append(self._point(cast(Change, name), z))
         self.path.append(step.end.z)
         self.known = test.at(step.length)
         return None

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
+from pipedyn.continuation.arclength import BranchStep, Control, DenseProblem, Point
 from pipedyn.forced.pulsating import Hill
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
@@ -106,7 +106,7 @@ class Edge(DenseProblem):
         self.share, self.centre, self.largest = share, centre, largest
         self._of = hill.polynomial(share)
         self._border: tuple[Complex, Complex] | None = None
-        self._last: Segment[Edge] | None = None
+        self._last: BranchStep[Edge] | None = None
         self.meeting = share is None and (hill.is_hermitian or hill.is_real)
 
     def _numbers(self, z: Array) -> list[float]:
@@ -232,7 +232,7 @@ class Edge(DenseProblem):
 
     def next(
         self, start: Point, step: float, ahead: Callable[[float], Array] | None = None
-    ) -> tuple[Segment[Edge], float]:
+    ) -> tuple[BranchStep[Edge], float]:
         """The step to the next point with borders of its own, and the length to try after it.
 
         Newton's method begins on the cubic through the step before, if that led to `start`.

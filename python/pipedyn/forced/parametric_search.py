@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from pipedyn.continuation.arclength import Point, Segment
+from pipedyn.continuation.arclength import BranchStep, Point
 from pipedyn.continuation.tracer import Tracer, between_folds
 from pipedyn.forced.combinations import FewModes, Growth
 from pipedyn.forced.parametric_edge import OUTWARD, SHARES, THINNEST, Edge, RegionKind
@@ -414,7 +414,7 @@ class _EdgeTracer(Tracer[Edge]):
             start = self.edge.point(z, np.append(np.zeros(z.size - 1), self.way))
             self.one_way(self.edge.segments(start, 0.02))
 
-    def passes(self, step: Segment[Edge]) -> None:
+    def passes(self, step: BranchStep[Edge]) -> None:
         """Notes the edge at the amplitudes asked for on a step, in which none turns back."""
         asked = self.search.amplitudes
         for index in np.flatnonzero((asked - step.begin.p) * (asked - step.end.p) <= 0.0).tolist():
@@ -433,7 +433,7 @@ class _OneEdge(_EdgeTracer):
 
     sharp = SHARP
 
-    def note(self, step: Segment[Edge]) -> str | None:
+    def note(self, step: BranchStep[Edge]) -> str | None:
         """Adds the edge at the amplitudes on a step, and the least amplitude."""
         edge, end = self.edge, step.end
         first, *turned = between_folds(step, 1e-6)
@@ -462,7 +462,7 @@ class _OneEdge(_EdgeTracer):
 class _BothEdges(_EdgeTracer):
     """Tracer of the saddle between the two edges of a combination region."""
 
-    def note(self, step: Segment[Edge]) -> None:
+    def note(self, step: BranchStep[Edge]) -> None:
         """Adds both edges at the amplitudes on a step."""
         self.passes(step)
         if step.end.p <= self.lowest:

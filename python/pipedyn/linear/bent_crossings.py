@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import DenseProblem, Segment
+from pipedyn.continuation.arclength import BranchStep, DenseProblem
 from pipedyn.continuation.tracer import TestFunction, special_points
 from pipedyn.linear.neutral import beyond_rounding, rounding
 from pipedyn.linear.rest import SAME_REST, SHORTER_STEPS, BranchOfRest, lost_rest
@@ -249,7 +249,7 @@ class SearchOfRest:
         """Real parts beyond rounding, the largest first."""
         return np.sort(beyond_rounding(self._values(x, u, plane)))[::-1]
 
-    def _note(self, step: Segment[DenseProblem]) -> str | None:
+    def _note(self, step: BranchStep[DenseProblem]) -> str | None:
         """Keeps the crossings on a step; returns why the search ends there."""
         begin, end, ds = step.begin, step.end, step.length
         planes = self.rests.planes
@@ -290,7 +290,7 @@ class SearchOfRest:
             roots.move(self._values(end.x, end.p, plane))
         return None
 
-    def _test(self, step: Segment[DenseProblem], plane: int) -> TestFunction:
+    def _test(self, step: BranchStep[DenseProblem], plane: int) -> TestFunction:
         """The test function of roots that start to grow, in the plane of rest or across it."""
 
         def kind(before: float, beyond: float) -> str:
@@ -308,7 +308,7 @@ class SearchOfRest:
 
     def _crossing(
         self,
-        step: Segment[DenseProblem],
+        step: BranchStep[DenseProblem],
         before: float,
         beyond: float,
         name: str,

@@ -280,13 +280,10 @@ def critical_point(model: AnyModel, max_speed: float = 100.0) -> CriticalPoint:
 
 
 def critical_points(
-    models: Sequence[AnyModel], max_speed: float = 100.0, sensitive: bool = True
+    models: Sequence[AnyModel], max_speed: float = 100.0
 ) -> list[CriticalPoint | Exception]:
-    """Critical points of several models, or the exceptions of those that fail, in one search.
-
-    The arguments are those of `first_losses`.
-    """
-    found: list[Any] = first_losses(models, max_speed, sensitive)
+    """Critical points of several models, or the exceptions of those that fail, in one search."""
+    found: list[Any] = first_losses(models, max_speed, sensitive=True)
     for i, model in enumerate(models):
         if not isinstance(found[i], Exception) and found[i][0] is None:
             found[i] = outcome_of(_no_critical_speed, model, max_speed)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.continuation.arclength import DenseProblem, Segment
+from pipedyn.continuation.arclength import BranchStep, DenseProblem
 from pipedyn.linear.bent_crossings import RootsFollowed
 from pipedyn.linear.critical_speed import (
     count_resolved,
@@ -320,9 +320,14 @@ def _with_growing_roots(
     """
     at, missing, solved = speeds.tolist(), "", model
     if isinstance(model, Continuum):
-        asked, smallest = partial(_all_roots, speeds=at), max(16, 3 * count, math.ceil(at[-1]))
+
+        def all_roots(one: Model) -> tuple[Model, list[Complex]]:
+            problem = eigenproblem(one)
+            return one, [problem.lowest(u, 2 * problem.dof).values for u in at]
+
+        smallest = max(16, 3 * count, math.ceil(at[-1]))
         try:
-            found = model.converge(asked, _growing_move, NEUTRAL, smallest, smallest + 48).value
+            found = model.converge(all_roots, _growing_move, NEUTRAL, smallest, smallest + 48).value
         except NotConverged as error:
             found = error.result
             missing = "growing roots of the continuous pipe do not converge: take a Chain"
@@ -381,12 +386,6 @@ def _with_growing_roots(
             off = _clearly_grow(here) & (moved > NEUTRAL * (1.0 + np.abs(here)))
             loci.converged[row, known:] &= ~off
     return loci, missing
-
-
-def _all_roots(model: Model, speeds: list[float]) -> tuple[Model, list[Complex]]:
-    """The model, and all its roots at each speed."""
-    problem = eigenproblem(model)
-    return model, [problem.lowest(u, 2 * problem.dof).values for u in speeds]
 
 
 def _growing_move(a: tuple[Model, list[Complex]], b: tuple[Model, list[Complex]]) -> float:
@@ -499,14 +498,11 @@ def _growing_modes(model: AnyModel, at: Array, count: int, most: int) -> _Growin
     elif left:
         take = f"count={max(left)}" if max(left) <= most else "a larger count"
         missing = f"{check.how_many(len(left), 'mode')} beyond {min(left) - 1} grow: take {take}"
-    if failed and isinstance(model, Model) and model.dof > LARGEST_FULL:
-        return _GrowingModes(added, at, np.full(at.size, math.inf), missing)
     if failed:
         solved = model.frozen(size) if isinstance(model, Continuum) else model
-        follower = RootFollower(solved)
-        pairs = [] if rest_follows(model) else itertools.pairwise(at.tolist())
-        between = [u for pair in pairs for u in follower.between(*pair)]
-        at = np.union1d(at, between)
+        if not rest_follows(model) and solved.dof <= LARGEST_FULL:
+            between, pairs = RootFollower(solved).between, itertools.pairwise(at.tolist())
+            at = np.union1d(at, [u for pair in pairs for u in between(*pair)])
         return _GrowingModes(added, at, np.full(at.size, math.inf), missing)
     speeds = of_each(found, "speed")
     ends = np.concatenate([at[:1], speeds[(speeds > at[0]) & (speeds < at[-1])], at[-1:]])
@@ -655,7 +651,7 @@ def _loci_of_rest(model: Model, speeds: Array, count: int) -> RootLoci:
         good = (pairs.converged[own] & (own >= 0)).all(axis=1)
         return (*values.T, np.asarray(good), errors)
 
-    def note(step: Segment[DenseProblem]) -> str | None:
+    def note(step: BranchStep[DenseProblem]) -> str | None:
         if not followed:
             begin = step.begin
             followed.extend(RootsFollowed(rests.roots(begin.x, begin.p, k)) for k in rests.planes)

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
+from pipedyn.continuation.arclength import BranchStep, Control, DenseProblem, Point
 from pipedyn.continuation.tracer import Tracer
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
@@ -210,7 +210,7 @@ class BranchOfRest:
     def following(
         self,
         end: float,
-        note: Callable[[Segment[DenseProblem]], str | None],
+        note: Callable[[BranchStep[DenseProblem]], str | None],
         marks: Iterable[float] = (),
         share: float = 1.0,
     ) -> str:
@@ -238,7 +238,7 @@ class BranchOfRest:
         """
         last: list[Point] = []
 
-        def note(step: Segment[DenseProblem]) -> str | None:
+        def note(step: BranchStep[DenseProblem]) -> str | None:
             last[:] = [step.end]
             return "fold" if step.end.tangent[-1] <= 0.0 else None
 
@@ -271,12 +271,12 @@ def _unloaded(pipe: Pipe) -> Pipe:
 class _RestTracer(Tracer[DenseProblem]):
     """Tracer of the rest that follows the speed, which passes its steps to a function."""
 
-    def __init__(self, end: float, noted: Callable[[Segment[DenseProblem]], str | None]) -> None:
+    def __init__(self, end: float, noted: Callable[[BranchStep[DenseProblem]], str | None]) -> None:
         failing = NewtonFailed, NotResolved  # in space at a rest to which only a plane leads
         super().__init__([(-1, 0.0, end)], MOST_RESTS, failing)
         self.noted = noted
 
-    def note(self, step: Segment[DenseProblem]) -> str | None:
+    def note(self, step: BranchStep[DenseProblem]) -> str | None:
         """What the function says of a step."""
         return self.noted(step)
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +38,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
+Compiled = TypeVar("Compiled")
 Basis = Literal["beam", "legendre"]
 BASES: tuple[Basis, ...] = get_args(Basis)
 LARGEST_BASIS = 2000
@@ -181,13 +182,12 @@ class Galerkin(MeetsSupports, Model):
     @cached_property
     def core(self) -> _core.Galerkin:
         """The compiled model."""
-        return _core.Galerkin(
-            pipe=core_pipe(self._pipe, self._applied),
-            legendre=self._basis == "legendre",
-            size=self.coordinates,
-            joints=self._joints,
-            more=self._more,
-        )
+        return self._compiled(_core.Galerkin, core_pipe(self._pipe, self._applied))
+
+    def _compiled(self, kind: Callable[..., Compiled], pipe: _core.Pipe) -> Compiled:
+        """A compiled model of some kind of a pipe, with the functions of this model."""
+        legendre = self._basis == "legendre"
+        return kind(pipe, legendre, self.coordinates, self._joints, self._more)
 
     def __repr__(self) -> str:
         return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r}{self._about_shown})"
@@ -521,12 +521,8 @@ class SpatialGalerkin(SpatialModel):
 
     @cached_property
     def core(self) -> _core.SpatialGalerkin:
-        planar = self._planar
-        legendre = planar.basis == "legendre"
-        return _core.SpatialGalerkin(
-            core_pipe(self._pipe, self._applied),
-            *(legendre, planar.coordinates, planar._joints, planar._more),
-        )
+        pipe = core_pipe(self._pipe, self._applied)
+        return self._planar._compiled(_core.SpatialGalerkin, pipe)
 
     @property
     def matrix_rounding(self) -> float:

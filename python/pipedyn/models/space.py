@@ -67,28 +67,6 @@ def turning(q: Array, qdot: NDArray[Any]) -> NDArray[Any]:
     )
 
 
-def in_first_chart(q: Array, qdot: Array, signs: Array) -> tuple[Array, Array]:
-    """Rotation vectors and their rates, (k, 2 n) each, from those in the charts of an integrator.
-
-    Where signs, (k, n), are -1 the given ones are rotation vectors from the backward direction of
-    the axis; see cpp/pipedyn/motion/charts.hpp. The results are those from the forward direction,
-    with angles up to pi.
-    """
-    (a_x, a_z), (b_x, b_z) = np.split(q, 2, axis=1), np.split(qdot, 2, axis=1)
-    straight = np.hypot(a_x, a_z) == 0.0  # seen from the side that it comes from
-    a_x, a_z = np.where(straight, -1e-300 * b_x, a_x), np.where(straight, -1e-300 * b_z, a_z)
-    rho = np.hypot(a_x, a_z)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        unit = np.stack([np.where(rho > 0.0, a_x / rho, 1.0), np.where(rho > 0.0, a_z / rho, 0.0)])
-    radial = unit[0] * b_x + unit[1] * b_z
-    rates = np.stack([b_x, b_z]) - radial * unit
-    with np.errstate(invalid="ignore", divide="ignore"):
-        across = np.where(straight, 0.0, (np.pi - rho) / rho * rates)
-    found = np.where(signs < 0.0, (np.pi - rho) * unit, np.stack([a_x, a_z]))
-    turning = np.where(signs < 0.0, across - radial * unit, np.stack([b_x, b_z]))
-    return np.concatenate(list(found), axis=1), np.concatenate(list(turning), axis=1)
-
-
 def tangents_by(q: Array) -> Array:
     """Derivatives of the tangents by a_x and by a_z, shape (2, 3, n, k), for q (2 n, k)."""
     one, none = np.ones_like(q[: len(q) // 2]), np.zeros_like(q[: len(q) // 2])

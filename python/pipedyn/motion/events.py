@@ -12,9 +12,9 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy
 
+from pipedyn import _core
 from pipedyn.models.base import Model
 from pipedyn.models.chain import SpatialChain
-from pipedyn.models.space import in_first_chart
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -115,10 +115,10 @@ def _recorded(model: Model, states: Array) -> tuple[Array, Array]:
     The rows of `states` begin with [p, p']; they may end with the signs of charts.
     """
     size = model.integrated
-    p, rates = states[:, :size], states[:, size : 2 * size]
+    found = states[:, : 2 * size]
     if isinstance(model, SpatialChain) and states.shape[1] > 2 * size:
-        p, rates = in_first_chart(p, rates, states[:, -(size // 2) :])
-    return model.to_user(p, rates)
+        found = _core.in_first_chart(found, states[:, -(size // 2) :])
+    return model.to_user(*np.split(found, 2, axis=1))
 
 
 def powers(coefficients: Array, x: Array) -> Array:

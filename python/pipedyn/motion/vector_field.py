@@ -318,7 +318,13 @@ class Excitation:
         return ForcedField(model, forcing, order) if forcing else VectorField(model)
 
     def is_odd(self, model: Model) -> bool:
-        """Whether the mirror image of every motion is a motion, half a period later if `shifts`."""
+        """Whether the mirror image of every motion is a motion, half a period later if `shifts`.
+
+        In three dimensions the image is that from z to -z, at the same time.
+        """
+        if model.dimensions == 3:
+            leaves = self.base is not None and bool(self.base.vector[2])
+            return not leaves and (self.force is None or self.force.function is None)
         if self.shifts and isinstance(self.u, Pulsation):  # the flow differs half a period later
             return False
         if self.force is not None and not self.shifts:

@@ -18,7 +18,7 @@ from typing import TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import EVERY, Point, Segment
+from pipedyn.continuation.arclength import EVERY, BranchStep, Point
 from pipedyn.continuation.tracer import between_folds, reason_of
 from pipedyn.equilibrium.hopf import Hopf, HopfPoint
 from pipedyn.motion.vector_field import VectorField
@@ -78,7 +78,7 @@ NEAR_FOLD = 0.02
 measured at five folds, both are 1e-5 from 1 at the fold; at this distance the former is 9e-4 to 0.1
 from 1, the latter 3e-5 at most."""
 
-Step = Segment[OrbitProblem]
+Step = BranchStep[OrbitProblem]
 """A step along a branch of orbits."""
 
 
@@ -279,7 +279,7 @@ def _first_step(motion: VectorField, start: BranchStart, how: OrbitControl) -> S
             end = problem.at(problem.starting(begin, towards), length)
             is_resolved = (problem.orbit(end.z).defects() <= COARSE.defect).all()
             if (low <= end.p <= high and is_resolved) or length <= LEAST_AMPLITUDE:
-                return Segment(problem, problem.starting(begin, end.z - begin), end)
+                return BranchStep(problem, problem.starting(begin, end.z - begin), end)
         except NewtonFailed:
             if length <= LEAST_AMPLITUDE:
                 raise
@@ -379,7 +379,7 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
         onward[-1] = 0.0
     z[-1] = p
     problem = step.problem.about(small.z)
-    last = Segment(problem, small, problem.starting(z, onward))
+    last = BranchStep(problem, small, problem.starting(z, onward))
     return Meeting(replace(step, end=small), last, error, known)
 
 
@@ -419,7 +419,7 @@ def steps_past_grazing(
 
 def steps_from(
     problem: AnyOrbitProblem, point: Point, length: float
-) -> Iterator[Segment[AnyOrbitProblem]]:
+) -> Iterator[BranchStep[AnyOrbitProblem]]:
     """Endless steps from a solution onwards, the first of at most a given length.
 
     The mesh is adapted: `defect` of the problem's control is the largest defect allowed.
