@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Boundaries of stability of the straight pipe in the plane of two of its numbers.
+"""Boundaries of stability of a pipe at rest in the plane of two of its numbers.
 
 Curves of flutter and of divergence are found where they meet the window's edges or lines across it,
 and are followed by arc length past folds (`continuation.tracer`) until they leave the window or
@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from pipedyn.curves.boundary_curves import (
     CurveTracer,
     TracedCurve,
     basis_plane,
+    bends,
     distance_in,
     first_plane,
     larger_plane,
@@ -51,6 +51,7 @@ from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import warn_of_plane
 from pipedyn.util.parallel import one_thread, track
 from pipedyn.util.result import Result
 
@@ -67,7 +68,7 @@ LARGEST_MODEL = 500
 """Most degrees of freedom of a model, as dense matrices are factorised at every point."""
 
 
-@saved_as("BoundaryCurve")
+@saved_as("BoundaryCurve", added=("across",))
 class BoundaryCurve(Result):
     """A curve of flutter or of divergence, point by point along its arc length.
 
@@ -98,6 +99,8 @@ class BoundaryCurve(Result):
             "not converged" (no next point was found).
         slopes: direction (dx, dy) along the curve, of unit length in shares of the window, shape
             (S, 2).
+        across: of a model in three dimensions whose pipe is bent by a load, whether the motions on
+            the axis are across the plane z = 0, or in it; None for other models.
         organising: organising points on the curve, as rows (k, i): `Boundary.points[i]` lies
             between the curve's points k and k + 1. Where `unstable`, `change` or `criticality`
             differ at these points, they change there. There is at most one between two points.
@@ -115,6 +118,7 @@ class BoundaryCurve(Result):
     ends: tuple[str, str]
     slopes: Array = field(repr=False)
     organising: NDArray[np.int_] = field(repr=False)
+    across: bool | None = None
 
     def __len__(self) -> int:
         return len(self.x)
@@ -179,7 +183,7 @@ class Boundary(InPlane):
         of = checked_window(self.model, self.names, ranges, motions)
         model = self.model
         if isinstance(model, Continuum):
-            return basis_plane(model.frozen(self.size), of, self.u)
+            return basis_plane(model.frozen(self.size // (model.dimensions - 1)), of, self.u)
         return Plane(model, of, self.u)
 
 
@@ -242,21 +246,21 @@ def boundary(
     organising points Kuznetsov, Elements of Applied Bifurcation Theory, ch. 8. The criticality of
     flutter is computed as in `hopf`.
     """
-    model = checked_model(model)
+    given, model = model, checked_model(model)
     if isinstance(model, Model) and model.dof > LARGEST_MODEL:
         raise ValueError(
             f"model must have at most {LARGEST_MODEL} degrees of freedom, got {model.dof}"
         )
     window = checked_window(model, (x, y), ranges)
-    corners = [
-        window.pipe(model.pipe, window.place(np.array(at))) for at in product((0, 1), (0, 1))
-    ]
-    if model.rests_bent or model.pipe.jet_angle or not all(one.rests_straight for one in corners):
+    if model.rests_bent:
         raise ValueError(
-            "model must rest straight: boundaries are those of a pipe that is straight in the "
-            f"whole window, got {model!r}; stability_curve follows the onset of a bent pipe over "
-            "one number"
+            "model must not be about a configuration, as the rest is solved for at every point: "
+            f"that which follows from the pipe without loads and flow, got {model!r}"
         )
+    if bends(model.pipe, window):
+        model = given  # which may move across the plane of rest
+        if model.dimensions == 2:
+            warn_of_plane(__name__)
     asked = check.flag("criticality", criticality)
     if asked and (reason := model.pipe.no_motion):
         raise ValueError(f"criticality must be False for {model.pipe!r}: {reason}")
@@ -338,13 +342,14 @@ def boundaries_in(
             if moved <= AGREED or 0.3 * before <= moved <= ROUNDED:
                 break
             starts = [curve.start() for curve in curves]
-        by_speed = plane.speed_index is not None
         middle = window.place(np.full(2, 0.5))
-        if plane.conservative and not by_speed and plane.static_stiffnesses(middle) is None:
+        straight_held = plane.speed_index is None and not plane.rest_size
+        held = straight_held and plane.static_stiffnesses(middle) is None
+        if plane.conservative and (held or plane.rest_size):
+            why = "about a bent rest" if plane.rest_size else "at a speed that is held"
             failures.append(
                 "coupled-mode flutter, where two pairs of an undamped pipe meet on the axis, was "
-                "not looked for: it is found along the flow speed, which is held here; see "
-                "`crossings`"
+                f"not looked for, as it is not {why}; see `crossings`"
             )
         unfinished = [*not_followed(plane, curves)]
         failures += unfinished
@@ -366,7 +371,7 @@ def boundaries_in(
     numbers = {i: number for number, (i, _) in enumerate(known)}
     results = [_boundary_curve(curve, numbers) for curve in curves]
     low, high = window.low, window.low + window.size
-    if not (plane.conservative or only_stability or unfinished):
+    if not (plane.conservative or only_stability or unfinished or plane.rest_size):
         failures += _disagreements(results, plane)
     result = Boundary(
         names=names,
@@ -375,7 +380,7 @@ def boundaries_in(
         points=tuple(one for _, one in known),
         u=u,
         model=model,
-        size=plane.dof,
+        size=plane.model.dof,
         failures=tuple(failures),
     )
     return result, curves
@@ -493,4 +498,5 @@ def _boundary_curve(curve: TracedCurve, numbers: dict[int, int]) -> BoundaryCurv
         ends=curve.ends,
         slopes=slopes / np.linalg.norm(slopes, axis=1, keepdims=True),
         organising=np.array(organising, dtype=int).reshape(-1, 2),
+        across=problem.plane.across if problem.plane.model.dimensions == 3 else None,
     )
