@@ -20,7 +20,7 @@ import scipy
 
 from pipedyn.linear.bent_crossings import SearchOfRest
 from pipedyn.linear.neutral import grows
-from pipedyn.linear.plane import SAMPLES, Matrices, Plane
+from pipedyn.linear.plane import ON_EDGE, SAMPLES, Matrices, Plane
 from pipedyn.linear.rest import SAME_REST, BranchOfRest, lost_rest
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged
@@ -76,15 +76,14 @@ class BentPlane(Plane):
 
     @cached_property
     def _allowed(self) -> list[tuple[float, float]]:
-        """Ranges of the two numbers, without ends that do not belong to them."""
-        rules = ({} if one is None else one.rule for one in self.window.numbers)
-        return [
-            (
-                one.get("low", -math.inf) + (1e-9 if one.get("open_low") else 0.0),
-                one.get("high", math.inf) - (1e-9 if one.get("open_high") else 0.0),
-            )
-            for one in rules
-        ]
+        """Ranges of the two numbers, with room for rounding, or without ends that are excluded."""
+        found = []
+        for number, size in zip(self.window.numbers, self.window.size.tolist(), strict=True):
+            rule, room = {} if number is None else number.rule, ON_EDGE * size
+            low, high = rule.get("low", -math.inf), rule.get("high", math.inf)
+            low += room if rule.get("open_low") else -room
+            found.append((low, high - room if rule.get("open_high") else high + room))
+        return found
 
     @cached_property
     def conservative(self) -> bool:  # type: ignore[override]
@@ -108,7 +107,7 @@ class BentPlane(Plane):
         key = tuple(at[:2].tolist())
         if key not in self._followed:
             try:
-                last, reason = self.rests(at).towards(self.speed_at(at))
+                last, reason = self.rests(at).towards(abs(self.speed_at(at)))
                 self._followed[key] = last.x, reason, last.p
             except NotConverged as error:  # there is no rest without flow
                 self._followed[key] = np.full(self.rest_size, np.nan), str(error), 0.0
@@ -159,7 +158,7 @@ class BentPlane(Plane):
                 columns.append(size * by[:, -1])
                 continue
             ends = self._beside(at, np.where(np.arange(rest.size + 2) == rest.size + 1 - i, 1.0, 0))
-            first, last = (self.rests(end).accelerations(rest[None], u)[0] for end in ends)
+            first, last = (self.rests(end).accelerations(rest[None], abs(u))[0] for end in ends)
             columns.append((last - first) * size / (ends[1][i] - ends[0][i]))
         return balance, np.column_stack([by[:, :-1], *columns])
 
@@ -186,12 +185,14 @@ class BentPlane(Plane):
         return all(low <= v <= high for v, (low, high) in zip(at[:2], self._allowed, strict=True))
 
     def _of_plane(self, at: Array, plane: int) -> Matrices:
-        rests, rest = self.rests(at), at[2:]
+        rests, rest, u = self.rests(at), at[2:], self.speed_at(at)
         if self.dof < self.rest_size:
             rest = rests.plane.onto_constraints(rest[:, None], np.zeros((rest.size, 1)))[0][:, 0]
+        mass, damping, stiffness = rests.matrices(rest, abs(u), plane)
+        if u < 0.0:  # beside the edge without flow: C is affine in u, and K in its square
+            damping = 2.0 * rests.matrices(rest, 0.0, plane)[1] - damping
         mass, damping, stiffness = (
-            self.scale.T @ one @ self.scale
-            for one in rests.matrices(rest, self.speed_at(at), plane)
+            self.scale.T @ one @ self.scale for one in (mass, damping, stiffness)
         )
         return mass, damping, stiffness if self.hysteretic else stiffness.real
 

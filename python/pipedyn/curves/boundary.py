@@ -26,6 +26,7 @@ from pipedyn.curves.boundary_curves import (
     bends,
     distance_in,
     first_plane,
+    is_fold,
     larger_plane,
     line_starts,
     not_followed,
@@ -167,6 +168,7 @@ class Boundary(InPlane):
 
         Raises:
             ValueError, TypeError: for a point outside the window.
+            NotConverged: if a bent pipe does not come to rest there, as beyond a fold.
         """
         (left, right), (low, high) = self.ranges
         at = np.array(
@@ -184,7 +186,7 @@ class Boundary(InPlane):
         model = self.model
         if isinstance(model, Continuum):
             return basis_plane(model.frozen(self.size // (model.dimensions - 1)), of, self.u)
-        return Plane(model, of, self.u)
+        return first_plane(model, of, self.u)
 
 
 def boundary(
@@ -464,9 +466,11 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
 def _points_of_change(curve: TracedCurve) -> list[Point]:
     """Points at which the change of the number of unstable roots across the curve is computed.
 
-    On a curve of flutter one point is enough, as the side is the same all along the curve.
+    On a curve of flutter, or of folds of a bent rest, one point is enough, as the side is the same
+    all along the curve.
     """
-    if curve.problem.kind == "divergence" or isinstance(curve.problem, CoupledModeProblem):
+    varies = curve.problem.kind == "divergence" and not is_fold(curve.problem)
+    if varies or isinstance(curve.problem, CoupledModeProblem):
         return curve.points
     # The point lies away from the ends, at which the frequency may be 0.
     return [curve.points[len(curve.points) // 2]]

@@ -178,8 +178,9 @@ class CurveTracer:
             return  # all roots lie on the axis, on no curve of their own
         if not inside or any(one.holds(z) for one in known) or not self.wanted(problem, z):
             return
-        if not plane.follows(problem.with_rest(z)):
-            return
+        buckles = problem.kind == "divergence" and plane.straight_near(z[[-1, -2]])
+        if buckles or not plane.follows(problem.with_rest(z)):
+            return  # a straight pipe buckles in no such way beside, or it does not come to the rest
         z[-2:] = plane.window.on_edges(z[-2:])
         begin, limits = problem.starting_at(z), [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
         if flutters and not meeting:

@@ -241,8 +241,8 @@ class BranchOfRest:
         last = [Point(np.append(still, 0.0), np.append(0.0 * still, 1.0))]
 
         def note(step: Segment[DenseProblem]) -> str | None:
-            turns = step.end.tangent[-1] <= 0.0
-            last[:] = [step.at(folds(step, 1e-12)[0][0]) if turns else step.end]
+            turns = folds(step, 1e-12)
+            last[:] = [step.at(turns[0][0]) if turns else step.end]
             return "fold" if turns else None
 
         if u == 0.0:
