@@ -83,20 +83,24 @@ class BoundaryCurve(Result):
             coupled-mode flutter, too.
         unstable: number of unstable roots other than those on the axis, shape (S,): where it is 0
             the curve bounds the region in which the pipe is stable. At an end "Bogdanov-Takens",
-            where zero is a double root, `unstable` and `change` have their values right before it.
+            where zero is a double root, and at one at which a bent pipe is straight, so that both
+            planes have the same roots, `unstable` and `change` have their values right before it.
         change: number of unstable roots on the left of the curve minus that on its right, shape
             (S,): 2 or -2 for flutter; 1 or -1 for divergence, which changes at a Bogdanov-Takens
-            point; and 0 where real roots meet.
+            point; and 0 where real roots meet. At a fold of a bent rest, the side on which there is
+            no such rest counts as that with one more.
         lyapunov: first Lyapunov coefficient of flutter, as in `Hopf`; for divergence the
             coefficient c of z' = sigma z + c z^3, z being the largest angle; shape (S,). It is NaN
-            where other roots are unstable, or if it was not asked for.
+            where other roots are unstable, at divergences of bent pipes, or if it was not asked
+            for.
         criticality: "supercritical" where the motion or shape that emerges attracts, "subcritical"
             where it repels, or "" where the criticality is not known, shape (S,). With drag, the
             drag decides, as for `Hopf`.
         error: for `Continuum` the largest distance of some points of the curve from the same points
             in the last smaller basis, relative to their numbers or 1; 0 for other models.
         ends: why the curve ends at its first and last point: "range" (it leaves the window),
-            "closed", "Bogdanov-Takens" (its frequency falls to 0), "points" (it has too many) or
+            "closed", "Bogdanov-Takens" (its frequency falls to 0), "fold" (a bent pipe does not
+            come to rest beyond), "cusp" (two curves of folds meet), "points" (it has too many) or
             "not converged" (no next point was found).
         slopes: direction (dx, dy) along the curve, of unit length in shares of the window, shape
             (S, 2).
@@ -210,6 +214,13 @@ def boundary(
     A closed curve is missed if it lies between all lines and no uphill path leads to it; no search
     by samples can exclude that. If you expect such a curve, use a smaller window.
 
+    If a load bends the pipe, its rest is solved for at every point, as for `critical_speed`: it is
+    that to which the pipe comes as its loads, and then the flow, grow from zero. Curves of folds,
+    at which it turns back and the pipe snaps away, are divergences in the plane of rest. A model
+    made with `dimensions=3` has curves across that plane, too, and a planar one brings the warning
+    `FluttersAcross`. Of bent pipes no path leads uphill, counts round the edges are not compared,
+    and along another number than the flow speed two crossings between samples are missed.
+
     Args:
         model: chain, reduced model, scene of up to 500 degrees of freedom, or `Continuum`, whose
             points are solved in larger bases until they move by less than 1e-9.
@@ -241,7 +252,7 @@ def boundary(
     Raises:
         NotConverged: if curves of the continuous pipe do not converge as the basis grows.
         ValueError: for a number that the pipe does not have or that has no part in small motions,
-            or a range outside the allowed one; for a bent pipe.
+            or a range outside the allowed one; for a model about a configuration of `about`.
         TypeError: for arguments of other types than a model, a name or a number.
 
     Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilibria; for the
