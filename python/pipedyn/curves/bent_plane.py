@@ -25,9 +25,9 @@ from pipedyn.linear.rest import SAME_REST, BranchOfRest, lost_rest
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged
 
-STEP = 1e-5
-"""Half-width of differences along the surface of equilibria, in rad and in shares of the window:
-rounding and terms of third order leave errors of some 1e-9."""
+STEP = 1e-6
+"""Step of differences along the surface of equilibria, in rad and in shares of the window. Their
+errors of some 1e-6 slow Newton's method down, but do not move the solutions."""
 
 SAME_SHEET = 1e-3
 """Largest distance, in rad, of a rest from that which follows the flow. At a fold the latter is
@@ -55,7 +55,7 @@ class BentPlane(Plane):
 
     exact = False
 
-    exact, across = False, False
+    exact, across, conservative = False, False, False
 
     def _prepare(self) -> None:
         planar = self.model.planar
@@ -84,12 +84,6 @@ class BentPlane(Plane):
             low += room if rule.get("open_low") else -room
             found.append((low, high - room if rule.get("open_high") else high + room))
         return found
-
-    @cached_property
-    def conservative(self) -> bool:  # type: ignore[override]
-        """Whether the system is conservative where the pipe rests inside the window."""
-        places = ([0.37, share] for share in (0.61, 0.31, 0.01))
-        return any(self.conservative_at(self.window.place(np.array(one))) for one in places)
 
     # ----------------------------------------------------------------------------- where it rests
 
@@ -144,39 +138,38 @@ class BentPlane(Plane):
         onto, *_ = np.linalg.lstsq(by, balance)
         off = float(np.linalg.norm(onto))
         along = own[:, len(by) :].T
-        directions = np.vstack([along, onto / off]) if off > SAME_REST * STEP else along
-        changes = [self._change(at, one) for one in directions]
-        return directions, self.at(at), changes, balance, by
+        directions = np.vstack([along, onto / off]) if off > STEP else along
+        return directions, *self._changes(at, directions), balance, by
 
     def _balance(self, at: Array) -> tuple[Array, Array]:
         """Accelerations at rest, (n,), with derivatives by q and shares of y and x, (n, n + 2)."""
         rest, u, columns = at[2:], self.speed_at(at), []
         balance, by = self.rests(at).equations(rest, u)
-        for i in (1, 0):
-            size = float(self.window.size[i])
+        for i, way in ((1, [1.0, 0.0]), (0, [0.0, 1.0])):
             if i == self.speed_index:
-                columns.append(size * by[:, -1])
+                columns.append(self.window.size[i] * by[:, -1])
                 continue
-            ends = self._beside(at, np.where(np.arange(rest.size + 2) == rest.size + 1 - i, 1.0, 0))
-            first, last = (self.rests(end).accelerations(rest[None], abs(u))[0] for end in ends)
-            columns.append((last - first) * size / (ends[1][i] - ends[0][i]))
+            end, step = self._beside(at, np.append(0.0 * rest, way))
+            moved = self.rests(end).accelerations(rest[None], abs(u))[0]
+            columns.append((moved - balance) / step)
         return balance, np.column_stack([by[:, :-1], *columns])
 
-    def _beside(self, at: Array, direction: Array) -> tuple[Array, Array]:
-        """Two points in a direction of (q, y, x), within the ranges of the numbers."""
-        step = np.concatenate([self.window.size * direction[[-1, -2]], direction[:-2]])
-        ends = at - STEP * step, at + STEP * step
-        first, last = (end if self.defined(end) else at for end in ends)
-        return first, last
+    def _beside(self, at: Array, direction: Array) -> tuple[Array, float]:
+        """A point in a direction of (q, y, x) or, at the end of a range, in the opposite one."""
+        way = np.concatenate([self.window.size * direction[[-1, -2]], direction[:-2]])
+        step = STEP if self.defined(at + STEP * way) else -STEP
+        return at + step * way, step
 
-    def _change(self, at: Array, direction: Array) -> Matrices:
-        """Derivatives of the matrices in a direction of (q, y, x)."""
-        first, last = self._beside(at, direction)
-        step = STEP * ((first is not at) + (last is not at))
-        mass, damping, stiffness = (
-            (b - a) / step for a, b in zip(self.at(first), self.at(last), strict=True)
-        )
-        return mass, damping, stiffness
+    def _changes(self, at: Array, directions: Array) -> tuple[Matrices, list[Matrices]]:
+        """The matrices at a point, and their derivatives in directions of (q, y, x)."""
+        here, found = self.at(at), list[Matrices]()
+        for direction in directions:
+            end, step = self._beside(at, direction)
+            mass, damping, stiffness = (
+                (b - a) / step for a, b in zip(here, self.at(end), strict=True)
+            )
+            found.append((mass, damping, stiffness))
+        return here, found
 
     # ------------------------------------------------------------------------------- the matrices
 
@@ -208,11 +201,9 @@ class BentPlane(Plane):
         at = self.settled(at)
         _, by = self._balance(at)
         moved = np.linalg.solve(by[:, :-2], -by[:, :-3:-1])  # by shares of x and y
-        by_x, by_y = (
-            tuple(one / size for one in self._change(at, np.append(rest, way)))
-            for rest, way, size in zip(moved.T, np.eye(2)[::-1], self.window.size, strict=True)
-        )
-        return self.at(at), by_x, by_y
+        ways = np.vstack([moved, np.eye(2)[::-1]]).T / self.window.size[:, None]
+        here, (by_x, by_y) = self._changes(at, ways)
+        return here, by_x, by_y
 
     def conservative_at(self, at: Array) -> bool:
         """Whether the motions in all planes are those of a conservative system, if it rests."""

@@ -351,8 +351,7 @@ def line_starts(
         for along, value in track(every, len(every), "lines", shown):
             crossed, failed = plane.crossed(line := np.full(2, value), along)
             for one in crossed:
-                if not (one[1] and plane.conservative):
-                    add(along, line, *one)
+                add(along, line, *one)
             failures += [f"crossings at {value:.6g}: {failed}"] if failed else []
         return found, failures
     for along in (1, 0):

@@ -515,7 +515,8 @@ class SpatialChain(SpatialModel):
     def core(self) -> _core.SpatialChain:
         segments = core_segments(self._planar, spring=self._planar._own_joints)
         held = self._planar._held.tolist()
-        return _core.SpatialChain(core_pipe(self._pipe, self._applied), segments, held)
+        pipe = core_pipe(self._pipe, self._applied, self._pipe.root_across)
+        return _core.SpatialChain(pipe, segments, held)
 
     @property
     def _held_places(self) -> Array:

@@ -519,12 +519,25 @@ class SpatialGalerkin(SpatialModel):
     def coordinate_kind(self) -> str:
         return f"{self._planar.coordinate_kind} in two planes"
 
+    def _of_across(self, of: Callable[[Any], Operators]) -> Operators:
+        stiffer, pipe = self._pipe.root_across, self._pipe.across()
+        if not stiffer:
+            return super()._of_across(of)
+        planar = self._planar.with_pipe(replace(pipe, root=self._pipe.root))
+        found, slope = of(planar), planar._deflected(np.eye(planar.dof), np.zeros(1), 1)
+        return replace(found, stiffness=found.stiffness + stiffer * slope.T @ slope)
+
     @cached_property
     def core(self) -> _core.SpatialGalerkin:
         planar = self._planar
         legendre = planar.basis == "legendre"
+        if self._pipe.root_across and not legendre:
+            raise ValueError(
+                "basis must be 'legendre' for a root whose spring differs in x and z, as beam "
+                f"modes are those of one spring, got {planar.basis!r}"
+            )
         return _core.SpatialGalerkin(
-            core_pipe(self._pipe, self._applied),
+            core_pipe(self._pipe, self._applied, self._pipe.root_across),
             *(legendre, planar.coordinates, planar._joints, planar._more),
         )
 
