@@ -25,15 +25,18 @@ from pipedyn.linear.rest import SAME_REST, BranchOfRest, lost_rest
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged
 
-STEP = 1e-6
+SURFACE_STEP = 1e-6
 """Step of differences along the surface of equilibria, in rad and in shares of the window. Their
 errors of some 1e-6 slow Newton's method down, but do not move the solutions."""
+
+RESTING = 1e-10
+"""Distance from the surface of equilibria below which the matrices do not change by rounding."""
 
 SAME_SHEET = 1e-3
 """Largest distance, in rad, of a rest from that which follows the flow. At a fold the latter is
 known to the square root of the error of the fold."""
 
-BRACKET = 1e-3
+BETWEEN_SAMPLES = 1e-3
 """Share of a line to which a change of the number of growing roots is narrowed down, from which
 Newton's method then starts."""
 
@@ -138,7 +141,7 @@ class BentPlane(Plane):
         onto, *_ = np.linalg.lstsq(by, balance)
         off = float(np.linalg.norm(onto))
         along = own[:, len(by) :].T
-        directions = np.vstack([along, onto / off]) if off > STEP else along
+        directions = np.vstack([along, onto / off]) if off > RESTING else along
         return directions, *self._changes(at, directions), balance, by
 
     def _balance(self, at: Array) -> tuple[Array, Array]:
@@ -157,7 +160,7 @@ class BentPlane(Plane):
     def _beside(self, at: Array, direction: Array) -> tuple[Array, float]:
         """A point in a direction of (q, y, x) or, at the end of a range, in the opposite one."""
         way = np.concatenate([self.window.size * direction[[-1, -2]], direction[:-2]])
-        step = STEP if self.defined(at + STEP * way) else -STEP
+        step = SURFACE_STEP if self.defined(at + SURFACE_STEP * way) else -SURFACE_STEP
         return at + step * way, step
 
     def _changes(self, at: Array, directions: Array) -> tuple[Matrices, list[Matrices]]:
@@ -278,7 +281,7 @@ class BentPlane(Plane):
         for before, beyond in pairwise(samples):
             for k in range(len(self.planes)):
                 (a, one), (b, other) = before, beyond
-                while differ(one, other, k) and b - a > BRACKET:
+                while differ(one, other, k) and b - a > BETWEEN_SAMPLES:
                     middle = 0.5 * (a + b)
                     there = states(middle)
                     if differ(one, there, k):

@@ -23,7 +23,7 @@ from pipedyn.curves.boundary_curves import (
     CurveTracer,
     TracedCurve,
     basis_plane,
-    bends,
+    bent_in,
     distance_in,
     first_plane,
     is_fold,
@@ -270,7 +270,7 @@ def boundary(
             "model must not be about a configuration, as the rest is solved for at every point: "
             f"that which follows from the pipe without loads and flow, got {model!r}"
         )
-    if bends(model.pipe, window):
+    if bent_in(model.pipe, window):
         model = given  # which may move across the plane of rest
         if model.dimensions == 2:
             warn_of_plane(__name__)

@@ -209,7 +209,7 @@ class OnSheet(Tracer[AxisProblem]):
         problem, end = step.problem, step.end
         if not problem.plane.rest_size:
             return None
-        if turning(problem, step.begin)(end) >= 0.0:
+        if turn_along(problem, step.begin)(end) >= 0.0:
             return None
         return "cusp" if is_fold(problem) else "fold"
 
@@ -219,7 +219,7 @@ def is_fold(problem: AxisProblem) -> bool:
     return problem.kind == "divergence" and problem.plane.across is False
 
 
-def turning(problem: AxisProblem, begin: Point) -> Callable[[Point], float]:
+def turn_along(problem: AxisProblem, begin: Point) -> Callable[[Point], float]:
     """A function along a curve that passes 0 where the rest turns back.
 
     Along a curve of folds it is the direction of the curve beside that at its beginning, which
@@ -228,7 +228,7 @@ def turning(problem: AxisProblem, begin: Point) -> Callable[[Point], float]:
     if is_fold(problem):
         return lambda point: float(begin.tangent[-2:] @ point.tangent[-2:])
     plane: Any = problem.plane
-    return lambda point: float(plane.turning(problem.with_rest(point.z)))
+    return lambda point: float(plane.turn_along(problem.with_rest(point.z)))
 
 
 def on_sheet(
@@ -248,7 +248,7 @@ def on_sheet(
     ways: list[tuple[list[Point], str]] = [(back, ends[0]), (points[start:], ends[1])]
     for way, end in ways:
         problem.renew()
-        last, turn = len(way) - 1, turning(problem, way[-2 if len(way) > 1 else -1])
+        last, turn = len(way) - 1, turn_along(problem, way[-2 if len(way) > 1 else -1])
         if turn(way[-1]) < 0.0:
             segment = Segment(problem, *way[-2:])
             test = TestFunction(segment, 1e-9 * segment.length, turn)
@@ -294,7 +294,7 @@ def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
     highest speed.
     """
     if not isinstance(model, Continuum):
-        return (BentPlane if bends(model.pipe, window) else Plane)(model, window, speed)
+        return (BentPlane if bent_in(model.pipe, window) else Plane)(model, window, speed)
     fastest = speed or 0.0
     for number, low, size in zip(window.numbers, window.low, window.size, strict=True):
         if number is None:
@@ -304,7 +304,7 @@ def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
     return basis_plane(model.frozen(size), window, speed)
 
 
-def bends(pipe: Pipe, window: Window) -> bool:
+def bent_in(pipe: Pipe, window: Window) -> bool:
     """Whether a load bends the pipe somewhere in the window."""
     corners = (window.place(np.array(share)) for share in product((0, 1), (0, 1)))
     return not all(window.pipe(pipe, at).rests_straight for at in corners)
@@ -312,7 +312,7 @@ def bends(pipe: Pipe, window: Window) -> bool:
 
 def basis_plane(model: Galerkin, window: Window, speed: float | None) -> Plane:
     """The plane of a reduced model of the continuous pipe; only its resolved modes count."""
-    if bends(model.pipe, window):
+    if bent_in(model.pipe, window):
         return BentPlane(model, window, speed, model.planar.resolved_modes)
     return Plane(model, window, speed, count_resolved(model, eigenproblem(model).spectrum()))
 

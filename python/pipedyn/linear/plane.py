@@ -187,7 +187,7 @@ class Plane:
 
     @property
     def planes(self) -> tuple[Plane, ...]:
-        """This plane or, of a bent pipe in three dimensions, one for motions in each direction."""
+        """The plane itself or, of a bent pipe in space, one for motions in each direction."""
         return (self,)
 
     def nearest_rest(self, at: Array) -> Array:

@@ -587,7 +587,11 @@ class SpatialChain(SpatialModel):
         return found.reshape(places.size, 3, self.coordinates, p.shape[1])
 
     def _aside(self, rest: Array, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
-        return self._planar._deflected(np.sinc(rest / np.pi)[:, None] * p, s, derivative)
+        return self._across._deflected(np.sinc(rest / np.pi)[:, None] * p, s, derivative)
+
+    @property
+    def _of_shapes_across(self) -> Any:
+        return self._across
 
     @property
     def _angle_places(self) -> Array:

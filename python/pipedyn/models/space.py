@@ -402,10 +402,16 @@ class SpatialModel(MeetsSupports, Model):
         along, across = np.split(p, 2)
         planar, rest = self._planar, self._reference
         if rest is None:
-            return np.stack([planar._deflected(of, s, derivative) for of in (along, across)])
+            beside = self._of_shapes_across._deflected(across, s, derivative)
+            return np.stack([planar._deflected(along, s, derivative), beside])
         rest, _ = np.split(rest, 2)
         in_plane = planar.about(rest)._deflected(along, s, derivative)
         return np.stack([in_plane, self._aside(rest, across, s, derivative)])
+
+    @property
+    def _of_shapes_across(self) -> Any:
+        """The planar model whose coordinates and shapes are those across the plane z = 0."""
+        return self._planar
 
     @abstractmethod
     def _aside(self, rest: Array, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:

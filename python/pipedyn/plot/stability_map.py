@@ -199,7 +199,7 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
             for first, last in common.runs(seen):
                 k = first + int(np.argmax((top - bottom)[first:last]))
                 at = float(columns[alike[k]]), float(0.5 * (bottom[k] + top[k]))
-                if seen[k] and _unstable(found, *at) == 0:
+                if seen[k] and _unstable_at(found, *at) == 0:
                     part = slice(first, last)
                     inside = (rows[:, None] > bottom[part]) & (rows[:, None] < top[part])
                     stable[:, alike[part]] |= inside
@@ -310,11 +310,11 @@ def _stability(found: Boundary) -> str:
     """Stability, in words, of a pipe that has no boundary in the window."""
     if found.failures:
         return "no boundary known"
-    count = _unstable(found, *np.mean(found.ranges, axis=1).tolist())
+    count = _unstable_at(found, *np.mean(found.ranges, axis=1).tolist())
     return "unstable" if count else "stable"
 
 
-def _unstable(found: Boundary, x: float, y: float) -> int:
+def _unstable_at(found: Boundary, x: float, y: float) -> int:
     """Number of unstable roots at a point; 1 where a bent rest has snapped away."""
     try:
         return found.unstable(x, y)
