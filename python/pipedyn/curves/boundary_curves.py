@@ -228,7 +228,7 @@ def turn_along(problem: AxisProblem, begin: Point) -> Callable[[Point], float]:
     if is_fold(problem):
         return lambda point: float(begin.tangent[-2:] @ point.tangent[-2:])
     plane: Any = problem.plane
-    return lambda point: float(plane.turn_along(problem.with_rest(point.z)))
+    return lambda point: float(plane.turning(problem.with_rest(point.z)))
 
 
 def on_sheet(
