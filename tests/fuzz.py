@@ -1512,7 +1512,11 @@ def _kept() -> Iterator[Target]:
 
 def _driven() -> Iterator[Target]:
     frequency = real((20.0, 40.0), 0.0, 1e300)
-    yield target(pp.RootSpring, stiffness=real((0.0, 9.0), -0.1))
+    yield target(
+        pp.RootSpring,
+        stiffness=real((0.0, 9.0), -0.1),
+        stiffness_across=optional(real((0.0, 9.0), -0.1)),
+    )
     yield target(pp.Pulsation, mean=U, amplitude=real((-1.0, 1.0), -1.1, 1.1), frequency=frequency)
     size = real((-0.1, 0.1))
     given = any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, one_of(3, (1.0, 2.0), (0, 0, 0), (NAN, 1, 1)))

@@ -68,12 +68,22 @@ def all_springs(chain):
     return springs
 
 
+def uneven_root(chain):
+    """Stiffness and damping of the first joint for rotation along z, less those along x."""
+    if chain.pipe.root in ("clamped", "pinned") or chain.pipe.root.stiffness_across is None:
+        return 0.0, 0.0
+    own = chain.springs[0]
+    x, z = (k / (k + own) for k in (chain.pipe.root.stiffness, chain.pipe.root.stiffness_across))
+    return own * (z - x), chain.pipe.damping * own * (z**2 - x**2)
+
+
 def potential(chain, a):
     """Elastic energy of the joints and potential energy of the pipe's weight."""
     steps = chain.lengths[:, None] * tangents(a)
     heights = chain.base + np.cumsum(steps, axis=0) - steps
     centres = heights[:, 1] + chain.centres * steps[:, 1]
     elastic = (moments(a, np.sqrt(all_springs(chain))) ** 2).sum() / 2.0
+    elastic += 0.5 * uneven_root(chain)[0] * a[0, 1] ** 2
     return elastic - chain.pipe.gamma * (chain.masses * centres).sum()
 
 
@@ -183,6 +193,9 @@ def accelerations(chain, a, rates, u, u_dot=0.0, base=None, loads=None):
             slopes[:, :, k, c] = moments(a + step, np.ones(len(damped))).imag / STEP
     seen = np.einsum("jdkc,kc->jd", slopes, rates)
     force -= np.einsum("j,jd,jdkc->kc", damped, seen, slopes)
+    # A damper that resists the spin about x alone, and half of it about y.
+    resisted = uneven_root(chain)[1] * np.array([1.0, 0.5, 0.0]) * np.cross(t[0], rate[0])
+    force[0] -= np.cross(t[0], by_a[0].T) @ resisted
     for term in pipe.terms:  # besides those that `loads` has
         if term.law == "added_mass":
             more, pushed = normal_inertia(chain, term.chi, a, rates, base)

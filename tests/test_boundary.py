@@ -599,12 +599,9 @@ def test_what_no_boundary_can_be_drawn_of_is_refused_by_name(words, message):
     assert str(caught.value).startswith(message)
 
 
-def test_a_bent_or_large_pipe_and_a_second_flow_speed_are_refused():
+def test_a_large_pipe_and_a_second_flow_speed_are_refused():
     with pytest.raises(ValueError, match="u must not be given where it is x or y, got 3"):
         pp.boundary(CHAIN, "beta", "u", WINDOW, u=3.0)
-    bent = pp.Chain(pp.Pipe(0.2, jet_angle=0.3), 3)
-    with pytest.raises(ValueError, match="model must rest straight"):
-        pp.boundary(bent, "beta", "u", WINDOW)
     with pytest.raises(ValueError, match="model must have at most 500 degrees of freedom, got 501"):
         pp.boundary(pp.Chain(pp.Pipe(0.2), 501), "beta", "u", WINDOW)
     with pytest.raises(ValueError, match=r"x must lie in \[0.1, 0.9\], got 0.05"):

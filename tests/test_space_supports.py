@@ -2,6 +2,7 @@
 """Pipes in three dimensions that are held beyond their root: x = z = 0 at supports and ends."""
 
 import pickle
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -258,3 +259,127 @@ def test_held_models_in_space_are_kept_by_files_and_pickles(tmp_path):
         back = pp.load(tmp_path / "motion.npz").model
         for other in (back, pickle.loads(pickle.dumps(model)), model.with_pipe(model.pipe)):
             assert other.rhs(0.0, y, 2.0).tolist() == model.rhs(0.0, y, 2.0).tolist()
+
+
+UNEVEN_ROOTS = [pp.RootSpring(4.0, 9.0), pp.RootSpring(6.0, 0.0), pp.RootSpring(0.0, 3.0)]
+UNEVENLY_HELD = {
+    "chain": partial(pp.Chain, n=5),
+    "legendre": partial(pp.Galerkin, m=5, basis="legendre"),
+}
+
+
+def of_root(make, root, dimensions=3, **numbers):
+    numbers = {"gamma": 5.0, "damping": 0.02, **numbers}
+    return make(pp.Pipe(0.3, root=root, **numbers), dimensions=dimensions)
+
+
+@pytest.mark.parametrize("root", UNEVEN_ROOTS, ids=repr)
+def test_chains_on_an_uneven_root_balance_the_virtual_work_of_all_forces(root):
+    chain = of_root(UNEVENLY_HELD["chain"], root)
+    a, rates = state_of(chain).reshape(2, 2, -1).transpose(0, 2, 1)
+    expected = spatial.accelerations(chain.planar, a, rates, 4.0, 1.3)
+    y = np.concatenate([a.T.ravel(), rates.T.ravel()])
+    found = chain.rhs(0.0, y, 4.0, u_dot=1.3)[chain.coordinates :].reshape(2, -1).T
+    assert found == pytest.approx(expected, abs=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("make", UNEVENLY_HELD.values(), ids=UNEVENLY_HELD)
+@pytest.mark.parametrize("root", UNEVEN_ROOTS, ids=repr)
+def test_a_root_spring_acts_in_both_planes_by_its_own_numbers(make, root):
+    model = of_root(make, root)
+    bend = (lambda s: 0.2 + 0.4 * s - 0.3 * s**2), (lambda s: 1.0 - 2.0 * s**3)
+    for k, stiffness in enumerate((root.stiffness, root.stiffness_across)):
+        planar = of_root(make, pp.RootSpring(stiffness), 2)
+        ways = [(one, lambda s: 0.0 * s)[:: 1 - 2 * k] for one in bend]
+        y = np.concatenate([model.sampled(*way) for way in ways])
+        own = np.concatenate([planar.sampled(one) for one in bend])
+        assert model.energy(y) == pytest.approx(planar.energy(own), rel=1e-12)
+        assert model.power(y, 4.0).total == pytest.approx(planar.power(own, 4.0).total, rel=1e-11)
+        h = 1e-7  # accelerations move the places of both pipes alike
+        moved = [
+            one.shape(q + h * one.rhs(0.0, state, 4.0)[q.size :], [0.4, 1.0])
+            for one, state, q in ((model, y, y[: y.size // 2]), (planar, own, own[: own.size // 2]))
+        ]
+        assert moved[0][:, [2 * k, 1]] == pytest.approx(moved[1], abs=1e-12)
+        assert moved[0][:, 2 - 2 * k] == pytest.approx(0.0, abs=1e-14)
+
+
+@pytest.mark.parametrize("make", UNEVENLY_HELD.values(), ids=UNEVENLY_HELD)
+@pytest.mark.parametrize("root", UNEVEN_ROOTS, ids=repr)
+def test_an_uneven_root_keeps_the_balance_of_energy_and_has_a_jacobian(make, root):
+    model, h, u = of_root(make, root, drag=0.3), 1e-6, 4.0
+    y = state_of(model)
+    rates = model.rhs(0.0, y, u)
+    step, weights = 0.1 / np.abs(rates).max(), np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
+    ends = [
+        [model.energy(y + sign * k * step * rates) for sign in (1.0, -1.0)] for k in range(1, 5)
+    ]
+    change = weights @ [ahead - behind for ahead, behind in ends] / step
+    assert change == pytest.approx(model.power(y, u).total, rel=1e-9)
+    steps = h * np.eye(y.size)
+    columns = [model.rhs(0.0, y + d, u) - model.rhs(0.0, y - d, u) for d in steps]
+    found = model.jacobian(0.0, y, u)
+    assert found == pytest.approx(np.transpose(columns) / (2 * h), abs=1e-7 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("make", UNEVENLY_HELD.values(), ids=UNEVENLY_HELD)
+def test_small_motions_on_an_uneven_root_are_those_of_the_motion(make):
+    root = pp.RootSpring(9.0, 4.0)
+    model, u = of_root(make, root), 3.0
+    found = pp.eigenvalues(model, u)
+    for one in np.linalg.eigvals(model.jacobian(0.0, np.zeros(2 * model.dof), u)):
+        assert np.abs(found - one).min() < 1e-8 * (1.0 + abs(one))
+    critical = pp.critical_speed(model)
+    planes = [
+        pp.critical_speed(of_root(make, pp.RootSpring(k), 2)).speed
+        for k in (root.stiffness, root.stiffness_across)
+    ]
+    assert planes[1] < planes[0]
+    assert (critical.speed, critical.across) == (pytest.approx(planes[1], rel=1e-10), True)
+    shape = critical.mode_shape([0.2, 1.0])
+    alone = pp.critical_speed(of_root(make, pp.RootSpring(4.0), 2)).mode_shape([0.2, 1.0])
+    assert np.abs(shape[0]).max() == 0.0
+    assert np.abs(shape[1]) == pytest.approx(np.abs(alone), abs=1e-7)
+    # Over the number across, the boundary is that of the planar pipe over its own.
+    ranges = {"root.stiffness_across": (3.0, 6.0), "u": (4.0, planes[0] - 0.01)}
+    (curve,) = pp.boundary(model, *ranges, ranges, criticality=False).curves
+    k = len(curve) // 2
+    there = pp.critical_speed(of_root(make, pp.RootSpring(float(curve.x[k])), 2))
+    assert there.speed == pytest.approx(curve.y[k], rel=1e-9)
+
+
+def test_an_uneven_root_sags_in_its_plane_and_is_asked_across_it():
+    pipe = pp.Pipe(0.3, 10.0, inclination=np.pi / 2, damping=0.02, root=pp.RootSpring(9.0, 4.0))
+    model = pp.Chain(pipe, 5, dimensions=3)
+    critical = pp.critical_speed(model)
+    even = pp.Chain(replace(pipe, root=pp.RootSpring(9.0)), 5, dimensions=3)
+    assert critical.across
+    assert critical.speed < pp.critical_speed(even).speed - 0.05
+    rest = pp.equilibria(model.planar, critical.speed).q[0]
+    whole = model.jacobian(0.0, np.concatenate([rest, np.zeros(15)]), critical.speed)
+    values = np.linalg.eigvals(whole)
+    assert np.abs(values - 1j * critical.frequency).min() < 1e-6
+
+
+def test_the_number_across_of_a_root_is_converted_kept_and_checked(tmp_path):
+    spring = pp.RootSpring(0.2, stiffness_across=0.05)
+    masses = {"pipe_mass": 0.19, "fluid_mass": 0.05}
+    pipe = pp.Pipe.from_si(length=0.5, bending_stiffness=5e-3, **masses, root=spring)
+    assert pipe.root.stiffness == pytest.approx(20.0)
+    assert pipe.root.stiffness_across == pytest.approx(5.0)
+    model = pp.Chain(pipe, 4, dimensions=3)
+    model.save(tmp_path / "model.npz")
+    for copy in (pp.load(tmp_path / "model.npz"), pickle.loads(pickle.dumps(model))):
+        assert copy.pipe == pipe
+    assert repr(spring) == "RootSpring(stiffness=0.2, stiffness_across=0.05)"
+    assert pp.Pipe(0.2, root=pp.RootSpring(0.0, 0.0)).root == "pinned"
+    with pytest.raises(ValueError, match="stiffness_across must"):
+        pp.RootSpring(1.0, -1.0)
+    with pytest.raises(ValueError, match=r"root.stiffness_across must"):
+        pp.Pipe(0.2, root=pp.RootSpring(1.0, 1e12))
+    with pytest.raises(TypeError, match="stiffness_across must"):
+        pp.RootSpring(1.0, "soft")
+    with pytest.raises(ValueError, match="basis must be 'legendre' for a root whose spring differ"):
+        pp.Galerkin(pp.Pipe(0.2, root=pp.RootSpring(1.0, 2.0)), 4, "beam", dimensions=3)
+    swinging = pp.Chain(pp.Pipe(0.2, root=pp.RootSpring(1.0, 2.0)), 3, dimensions=3)
+    assert not swinging.axisymmetric

@@ -88,7 +88,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   py::class_<Pipe>(m, "Pipe")
       .def(py::init([](const std::vector<double>& numbers, bool aspirating,
                        const std::vector<TermArguments>& terms, double root, const std::string& end,
-                       std::vector<double> supports, Profile stiffness, Profile mass) {
+                       std::vector<double> supports, Profile stiffness, Profile mass,
+                       double root_across) {
              Pipe pipe{.aspirating = aspirating};
              for (std::size_t i = 0; i < numbers.size(); ++i) pipe.*own_numbers.at(i) = numbers[i];
              pipe.stiffness = std::move(stiffness);
@@ -97,12 +98,13 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
                pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
              }
              pipe.root = root;
+             pipe.root_across = root_across;
              pipe.end = end_of(end);
              pipe.supports = std::move(supports);
              return pipe;
            }),
            "numbers"_a, "aspirating"_a, "terms"_a, "root"_a, "end"_a, "supports"_a, "stiffness"_a,
-           "mass"_a)
+           "mass"_a, "root_across"_a)
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); })
       .def_property_readonly("added_stiffness", [](const Pipe& pipe) {

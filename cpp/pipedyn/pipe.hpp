@@ -38,6 +38,7 @@ struct Pipe {
   Terms terms{};           // further forces and masses on the pipe
   double root =
       std::numeric_limits<double>::infinity();  // k_r, rotational spring at s = 0; 0: hinge
+  double root_across = 0.0;  // in space, what that spring has more for rotation across z = 0
   End end = End::free;
   std::vector<double> supports{};  // arc lengths of rigid inner supports (x = 0), ascending
   // Bending stiffness e and mass per length m along the pipe, the fluid's share beta included; only

@@ -89,6 +89,7 @@ class Pipe:
         supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
         stiffness: Profile,
         mass: Profile,
+        root_across: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
     @property
     def added_stiffness(self) -> tuple[float, float]: ...

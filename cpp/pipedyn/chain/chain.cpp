@@ -132,7 +132,15 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   }
   held_.resize(static_cast<std::size_t>(n));
   if (std::isfinite(pipe_.root)) {
-    const double share = pipe_.root > 0.0 ? pipe_.root / (pipe_.root + spring[0]) : 0.0;
+    const auto share_of = [&](double k) { return k > 0.0 ? k / (k + spring[0]) : 0.0; };
+    const double share = share_of(pipe_.root);
+    if (pipe_.root_across != 0.0) {
+      const double across = share_of(pipe_.root + pipe_.root_across), at = 0.5 * l[0];
+      const double stiffer = spring[0] * (across - share);
+      const double damped = damping[0] * (across * across - share * share);
+      pipe_.terms.push_back(make_term("rotational_spring", at, {0.0, stiffer}));
+      pipe_.terms.push_back(make_term("rotational_damper", at, {0.0, damped}));
+    }
     spring[0] *= share;  // spring of both in series
     rest_moment[0] *= share;
     damping[0] *= share * share;

@@ -30,6 +30,7 @@ MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
           .gamma = pipe.gamma,
           .drag = pipe.drag,
           .damping = pipe.damping,
+          .root_across = pipe.root_across,
           .down = pipe.down(),
           .normal_mass = panels.normal_mass,
           .loads = panels.loads.data(),

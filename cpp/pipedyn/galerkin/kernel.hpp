@@ -72,6 +72,7 @@ struct MotionEffects {
   double entry = 0.0;              // (1 - c) s sqrt(beta)
   std::array<double, 2> thrust{};  // a cos psi, along the free end, and a sin psi, across it
   double gamma = 0.0, drag = 0.0, damping = 0.0;
+  double root_across = 0.0;  // what the root's spring has more for rotation across z = 0
   std::array<double, 2> down{0.0, 1.0};  // direction of gravity, across and along the axis
   double normal_mass = 0.0;              // mass per length that moves across the pipe alone
   const PanelTerm* loads = nullptr;

@@ -208,8 +208,18 @@ struct SpatialBlock {
   }
   Number number(const double* from, Count p) const { return get(from + p * whole_packs(size), 0); }
 
+  /// a_z at the root; 0 if its direction is held.
+  Number root_aside() const {
+    Number found{};
+    for (Count i = 0; grid.root_slope != nullptr && i < m; ++i) {
+      found = found + grid.root_slope[i] * rows.row(m + i);
+    }
+    return found;
+  }
+
   /// Adds the forces of bending and of its damping, and returns the power of the latter.
   Number bend() {
+    if (effects.root_across != 0.0) root_couple.z = -effects.root_across * root_aside();
     for (Count p = 0; p < points; ++p) {
       SpatialPoint<Number>& here = at[p];
       const double w = grid.bending[p];
@@ -238,7 +248,7 @@ struct SpatialBlock {
       return Number(stiffness * dot(at[p].damped, at[p].bend.turned()));
     });
     const Number whole = number(sums, last);
-    root_couple = (-effects.damping * whole) * root_spin;
+    root_couple = root_couple + (-effects.damping * whole) * root_spin;
     for (Count p = 0; p < points; ++p) {
       SpatialPoint<Number>& here = at[p];
       const Across<Number>& d = here.damped;
@@ -488,6 +498,10 @@ struct SpatialBlock {
     for_each_station([&](const auto& law, const SpatialStation<Number>& seen, Count, double w) {
       twice = twice + (2.0 * w) * law.energy_in_space(seen);
     });
+    if (effects.root_across != 0.0) {
+      const Number aside = root_aside();
+      twice = twice + effects.root_across * (aside * aside);
+    }
     return 0.5 * twice;
   }
 };

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Boundaries of stability of the straight pipe in the plane of two of its numbers.
+"""Boundaries of stability of a pipe at rest in the plane of two of its numbers.
 
 Curves of flutter and of divergence are found where they meet the window's edges or lines across it,
 and are followed by arc length past folds (`continuation.tracer`) until they leave the window or
@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,8 +23,10 @@ from pipedyn.curves.boundary_curves import (
     CurveTracer,
     TracedCurve,
     basis_plane,
+    bent_in,
     distance_in,
     first_plane,
+    is_fold,
     larger_plane,
     line_starts,
     not_followed,
@@ -51,6 +52,7 @@ from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import warn_of_plane
 from pipedyn.util.parallel import one_thread, track
 from pipedyn.util.result import Result
 
@@ -67,7 +69,7 @@ LARGEST_MODEL = 500
 """Most degrees of freedom of a model, as dense matrices are factorised at every point."""
 
 
-@saved_as("BoundaryCurve")
+@saved_as("BoundaryCurve", added=("across",))
 class BoundaryCurve(Result):
     """A curve of flutter or of divergence, point by point along its arc length.
 
@@ -81,23 +83,29 @@ class BoundaryCurve(Result):
             coupled-mode flutter, too.
         unstable: number of unstable roots other than those on the axis, shape (S,): where it is 0
             the curve bounds the region in which the pipe is stable. At an end "Bogdanov-Takens",
-            where zero is a double root, `unstable` and `change` have their values right before it.
+            where zero is a double root, and at one at which a bent pipe is straight, so that both
+            planes have the same roots, `unstable` and `change` have their values right before it.
         change: number of unstable roots on the left of the curve minus that on its right, shape
             (S,): 2 or -2 for flutter; 1 or -1 for divergence, which changes at a Bogdanov-Takens
-            point; and 0 where real roots meet.
+            point; and 0 where real roots meet. At a fold of a bent rest, the side on which there is
+            no such rest counts as that with one more.
         lyapunov: first Lyapunov coefficient of flutter, as in `Hopf`; for divergence the
             coefficient c of z' = sigma z + c z^3, z being the largest angle; shape (S,). It is NaN
-            where other roots are unstable, or if it was not asked for.
+            where other roots are unstable, at divergences of bent pipes, or if it was not asked
+            for.
         criticality: "supercritical" where the motion or shape that emerges attracts, "subcritical"
             where it repels, or "" where the criticality is not known, shape (S,). With drag, the
             drag decides, as for `Hopf`.
         error: for `Continuum` the largest distance of some points of the curve from the same points
             in the last smaller basis, relative to their numbers or 1; 0 for other models.
         ends: why the curve ends at its first and last point: "range" (it leaves the window),
-            "closed", "Bogdanov-Takens" (its frequency falls to 0), "points" (it has too many) or
+            "closed", "Bogdanov-Takens" (its frequency falls to 0), "fold" (a bent pipe does not
+            come to rest beyond), "cusp" (two curves of folds meet), "points" (it has too many) or
             "not converged" (no next point was found).
         slopes: direction (dx, dy) along the curve, of unit length in shares of the window, shape
             (S, 2).
+        across: of a model in three dimensions whose pipe is bent by a load, whether the motions on
+            the axis are across the plane z = 0, or in it; None for other models.
         organising: organising points on the curve, as rows (k, i): `Boundary.points[i]` lies
             between the curve's points k and k + 1. Where `unstable`, `change` or `criticality`
             differ at these points, they change there. There is at most one between two points.
@@ -115,6 +123,7 @@ class BoundaryCurve(Result):
     ends: tuple[str, str]
     slopes: Array = field(repr=False)
     organising: NDArray[np.int_] = field(repr=False)
+    across: bool | None = None
 
     def __len__(self) -> int:
         return len(self.x)
@@ -163,6 +172,7 @@ class Boundary(InPlane):
 
         Raises:
             ValueError, TypeError: for a point outside the window.
+            NotConverged: if a bent pipe does not come to rest there, as beyond a fold.
         """
         (left, right), (low, high) = self.ranges
         at = np.array(
@@ -179,8 +189,8 @@ class Boundary(InPlane):
         of = checked_window(self.model, self.names, ranges, motions)
         model = self.model
         if isinstance(model, Continuum):
-            return basis_plane(model.frozen(self.size), of, self.u)
-        return Plane(model, of, self.u)
+            return basis_plane(model.frozen(self.size // (model.dimensions - 1)), of, self.u)
+        return first_plane(model, of, self.u)
 
 
 def boundary(
@@ -203,6 +213,13 @@ def boundary(
     turns back, its real part is followed uphill until the pair passes the axis or comes no nearer.
     A closed curve is missed if it lies between all lines and no uphill path leads to it; no search
     by samples can exclude that. If you expect such a curve, use a smaller window.
+
+    If a load bends the pipe, its rest is solved for at every point, as for `critical_speed`: it is
+    that to which the pipe comes as its loads, and then the flow, grow from zero. Curves of folds,
+    at which it turns back and the pipe snaps away, are divergences in the plane of rest. A model
+    made with `dimensions=3` has curves across that plane, too, and a planar one brings the warning
+    `FluttersAcross`. Of bent pipes no path leads uphill, counts round the edges are not compared,
+    and along another number than the flow speed two crossings between samples are missed.
 
     Args:
         model: chain, reduced model, scene of up to 500 degrees of freedom, or `Continuum`, whose
@@ -235,28 +252,28 @@ def boundary(
     Raises:
         NotConverged: if curves of the continuous pipe do not converge as the basis grows.
         ValueError: for a number that the pipe does not have or that has no part in small motions,
-            or a range outside the allowed one; for a bent pipe.
+            or a range outside the allowed one; for a model about a configuration of `about`.
         TypeError: for arguments of other types than a model, a name or a number.
 
     Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilibria; for the
     organising points Kuznetsov, Elements of Applied Bifurcation Theory, ch. 8. The criticality of
     flutter is computed as in `hopf`.
     """
-    model = checked_model(model)
+    given, model = model, checked_model(model)
     if isinstance(model, Model) and model.dof > LARGEST_MODEL:
         raise ValueError(
             f"model must have at most {LARGEST_MODEL} degrees of freedom, got {model.dof}"
         )
     window = checked_window(model, (x, y), ranges)
-    corners = [
-        window.pipe(model.pipe, window.place(np.array(at))) for at in product((0, 1), (0, 1))
-    ]
-    if model.rests_bent or model.pipe.jet_angle or not all(one.rests_straight for one in corners):
+    if model.rests_bent:
         raise ValueError(
-            "model must rest straight: boundaries are those of a pipe that is straight in the "
-            f"whole window, got {model!r}; stability_curve follows the onset of a bent pipe over "
-            "one number"
+            "model must not be about a configuration, as the rest is solved for at every point: "
+            f"that which follows from the pipe without loads and flow, got {model!r}"
         )
+    if bent_in(model.pipe, window):
+        model = given  # which may move across the plane of rest
+        if model.dimensions == 2:
+            warn_of_plane(__name__)
     asked = check.flag("criticality", criticality)
     if asked and (reason := model.pipe.no_motion):
         raise ValueError(f"criticality must be False for {model.pipe!r}: {reason}")
@@ -289,7 +306,7 @@ def checked_window(
     rules: list[dict[str, Any]] = []
     for name, number in zip(names, numbers, strict=True):
         rule = {"low": 0.0, "high": largest_speed(model)} if number is None else dict(number.rule)
-        if name == "root.stiffness":
+        if isinstance(name, str) and name.startswith("root."):
             rule["open_low"] = True
         rules.append(rule)
     bounds = check.window(names, ranges, (rules[0], rules[1]))
@@ -366,7 +383,7 @@ def boundaries_in(
     numbers = {i: number for number, (i, _) in enumerate(known)}
     results = [_boundary_curve(curve, numbers) for curve in curves]
     low, high = window.low, window.low + window.size
-    if not (plane.conservative or only_stability or unfinished):
+    if not (plane.conservative or only_stability or unfinished or plane.rest_size):
         failures += _disagreements(results, plane)
     result = Boundary(
         names=names,
@@ -375,7 +392,7 @@ def boundaries_in(
         points=tuple(one for _, one in known),
         u=u,
         model=model,
-        size=plane.dof,
+        size=plane.model.dof,
         failures=tuple(failures),
     )
     return result, curves
@@ -459,9 +476,11 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
 def _points_of_change(curve: TracedCurve) -> list[Point]:
     """Points at which the change of the number of unstable roots across the curve is computed.
 
-    On a curve of flutter one point is enough, as the side is the same all along the curve.
+    On a curve of flutter, or of folds of a bent rest, one point is enough, as the side is the same
+    all along the curve.
     """
-    if curve.problem.kind == "divergence" or isinstance(curve.problem, CoupledModeProblem):
+    varies = curve.problem.kind == "divergence" and not is_fold(curve.problem)
+    if varies or isinstance(curve.problem, CoupledModeProblem):
         return curve.points
     # The point lies away from the ends, at which the frequency may be 0.
     return [curve.points[len(curve.points) // 2]]
@@ -493,4 +512,5 @@ def _boundary_curve(curve: TracedCurve, numbers: dict[int, int]) -> BoundaryCurv
         ends=curve.ends,
         slopes=slopes / np.linalg.norm(slopes, axis=1, keepdims=True),
         organising=np.array(organising, dtype=int).reshape(-1, 2),
+        across=problem.plane.across if problem.plane.model.dimensions == 3 else None,
     )

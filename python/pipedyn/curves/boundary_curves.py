@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,8 @@ import scipy
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import BranchStep, Control, Point
-from pipedyn.continuation.tracer import AT_END, Tracer, passes_through
+from pipedyn.continuation.tracer import AT_END, TestFunction, Tracer, passes_through
+from pipedyn.curves.bent_plane import BentPlane
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
     CoupledModeProblem,
@@ -33,6 +34,7 @@ from pipedyn.linear.neutral import grows
 from pipedyn.linear.plane import ON_EDGE, Plane, Window
 from pipedyn.models.continuum import FUNCTIONS_A_JOINT, LARGEST, AnyModel, Continuum
 from pipedyn.models.galerkin import Galerkin, basis_joints, enriched
+from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
@@ -49,6 +51,10 @@ LINES_OF_SPEED, LINES = 7, 3
 """Numbers of lines across the window, including its edges, on which curves are looked for: lines
 along the flow speed, and lines along another number, which take ten times as long."""
 
+ON_SHEET, POINTS_A_CHECK = 1e-3, 6
+"""Share of a step to which the end of a curve on one sheet of equilibria is found, and number of
+points after which the curve is checked to lie on it."""
+
 FIRST_CLIMB, MOST_CLIMBS = 0.04, 12
 """Limits of a path uphill to a closed curve: length of the first step, as a share of the window,
 and largest number of steps: paths that reach a curve take two to eight."""
@@ -63,10 +69,12 @@ class CurveStart:
             of the frequency, which is negative for real roots, replaces the frequency.
         kept: index of the entry of z that keeps its value while the others are solved for; None
             where z is a solution.
+        plane: index among the planes of a bent pipe in three dimensions: 1 for motions across.
     """
 
     z: Array
     kept: int | None = None
+    plane: int = 0
 
 
 @dataclass
@@ -104,9 +112,10 @@ class TracedCurve:
 
     def start(self) -> CurveStart:
         """Start near the middle of the curve, from which it can be traced in another plane."""
-        point = self.points[len(self.points) // 2]
-        z = np.append(self.problem.unit * point.z[:-2], point.z[-2:])
-        return CurveStart(z, max((-1, -2), key=lambda i: abs(point.tangent[i])))
+        point, plane = self.points[len(self.points) // 2], self.problem.plane
+        z = np.append(self.problem.unit * point.z[plane.rest_size : -2], point.z[-2:])
+        kept = max((-1, -2), key=lambda i: abs(point.tangent[i]))
+        return CurveStart(z, kept, int(bool(plane.across)))
 
     def holds(self, z: Array) -> bool:
         """Whether a solution z of the same equations lies on the curve."""
@@ -142,40 +151,125 @@ class CurveTracer:
             # A start is a guess and may lead nowhere: a curve that is missed is noticed when
             # numbers of unstable roots are compared.
             with suppress(NewtonFailed):
-                self._trace(start.z, start.kept)
+                self._trace(start)
         return self.curves[before:]
 
-    def _trace(self, start: Array, kept: int | None) -> None:
+    def _trace(self, start: CurveStart) -> None:
         of: type[AxisProblem] = DivergenceProblem
-        z, meeting = start, self.plane.conservative
-        if start.size == 3:
+        z, kept, plane = start.z, start.kept, self.plane.planes[start.plane]
+        flutters, meeting = z.size == 3, plane.conservative
+        if flutters:
             of = CoupledModeProblem if meeting else FlutterProblem
-            z = start / [self.unit, 1.0, 1.0]
-        problem = of(self.plane, self.control, self.unit)
+            z = z / [self.unit, 1.0, 1.0]
+        problem = of(plane, self.control, self.unit)
+        if plane.rest_size:
+            z = np.append(plane.nearest_rest(problem.place(z)), z)
+            kept = -3 if kept is None and flutters and not z[-3] else kept or -1
         if kept is not None:
             z = problem.fixed(z, float(z[kept]), kept)
         inside = bool((z[-2:] >= -ON_EDGE).all() and (z[-2:] <= 1.0 + ON_EDGE).all())
-        inside &= z.size == 2 or meeting or z[0] >= -ON_EDGE
-        known = (one for one in self.curves if one.problem.kind == problem.kind)
-        if z.size == 3 and not meeting and self.plane.conservative_near(z[[-1, -2]], ON_EDGE):
+        inside &= not flutters or meeting or z[-3] >= -ON_EDGE
+        known = (
+            one
+            for one in self.curves
+            if one.problem.kind == problem.kind and one.problem.plane is plane
+        )
+        if flutters and not meeting and plane.conservative_near(z[[-1, -2]], ON_EDGE):
             return  # all roots lie on the axis, on no curve of their own
         if not inside or any(one.holds(z) for one in known) or not self.wanted(problem, z):
             return
-        z[-2:] = self.plane.window.on_edges(z[-2:])
+        buckles = problem.kind == "divergence" and plane.straight_near(z[[-1, -2]])
+        if buckles or not plane.follows(problem.with_rest(z)):
+            return  # a straight pipe buckles in no such way beside, or it does not come to the rest
+        z[-2:] = plane.window.on_edges(z[-2:])
         begin, limits = problem.starting_at(z), [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
-        if z.size == 3 and not meeting:
-            limits.append((0, 0.0, math.inf))
-        tracer = Tracer[AxisProblem](limits, MOST_BOUNDARY_POINTS)
-        points, ends, _ = tracer.both_ways(problem, begin, 0.3 * LONGEST_STEP)
+        if flutters and not meeting:
+            limits.append((-3, 0.0, math.inf))
+        tracer = OnSheet(limits, MOST_BOUNDARY_POINTS)
+        points, why, _ = tracer.both_ways(problem, begin, 0.3 * LONGEST_STEP)
+        ends: tuple[str, str] = why
+        if plane.rest_size:
+            points, ends = on_sheet(problem, points, why, begin)
         if len(points) == 1:
             return  # it touches the window in a corner
-        edged = ((point, self.plane.window.on_edges(point.z[-2:])) for point in points)
+        edged = ((point, plane.window.on_edges(point.z[-2:])) for point in points)
         points = [replace(point, z=np.append(point.z[:-2], within)) for point, within in edged]
         first, last = (
-            "Bogdanov-Takens" if end == "range" and limits[2:] and point.z[0] <= 0.0 else end
+            "Bogdanov-Takens" if end == "range" and limits[2:] and point.z[-3] <= 0.0 else end
             for end, point in zip(ends, (points[0], points[-1]), strict=True)
         )
         self.curves.append(TracedCurve(problem, points, (first, last)))
+
+
+class OnSheet(Tracer[AxisProblem]):
+    """Tracer of curves, which end where a bent rest turns back: beyond, the pipe does not rest."""
+
+    def note(self, step: BranchStep[AxisProblem]) -> str | None:
+        """Says "fold" or "cusp" of a step to another sheet of equilibria."""
+        problem, end = step.problem, step.end
+        if not problem.plane.rest_size:
+            return None
+        if turn_along(problem, step.begin)(end) >= 0.0:
+            return None
+        return "cusp" if is_fold(problem) else "fold"
+
+
+def is_fold(problem: AxisProblem) -> bool:
+    """Whether a curve consists of folds of a bent rest."""
+    return problem.kind == "divergence" and problem.plane.across is False
+
+
+def turn_along(problem: AxisProblem, begin: Point) -> Callable[[Point], float]:
+    """A function along a curve that passes 0 where the rest turns back.
+
+    Along a curve of folds it is the direction of the curve beside that at its beginning, which
+    turns round in a cusp.
+    """
+    if is_fold(problem):
+        return lambda point: float(begin.tangent[-2:] @ point.tangent[-2:])
+    plane: Any = problem.plane
+    return lambda point: float(plane.turning(problem.with_rest(point.z)))
+
+
+def on_sheet(
+    problem: AxisProblem, points: list[Point], ends: tuple[str, str], begin: Point
+) -> tuple[list[Point], tuple[str, str]]:
+    """The part of a curve round a point where the pipe comes to the rest, and why it ends there.
+
+    Whether it does is asked of some points, and beside the first at which it does not.
+    """
+
+    def follows(point: Point) -> bool:
+        return problem.plane.follows(problem.with_rest(point.z))
+
+    whole, why = list[Point](), list[str]()
+    start = next(i for i, point in enumerate(points) if point.z is begin.z)
+    back = [Point(point.z, -point.tangent) for point in points[start::-1]]
+    ways: list[tuple[list[Point], str]] = [(back, ends[0]), (points[start:], ends[1])]
+    for way, end in ways:
+        problem.renew()
+        last, turn = len(way) - 1, turn_along(problem, way[-2 if len(way) > 1 else -1])
+        if turn(way[-1]) < 0.0:
+            segment = BranchStep(problem, *way[-2:])
+            test = TestFunction(segment, 1e-9 * segment.length, turn)
+            way[-1] = segment.at(next(test.changes(0.0, segment.length))[0])
+            last -= 1  # a rest that turns back is known to the root of rounding only
+        checked = [*range(POINTS_A_CHECK, last, POINTS_A_CHECK), last]
+        bad = next((k for k in checked if not follows(way[k])), 0)
+        if bad:
+            good = max((k for k in checked if k < bad), default=0)
+            while bad - good > 1:
+                middle = (good + bad) // 2
+                good, bad = (middle, bad) if follows(way[middle]) else (good, middle)
+            segment = BranchStep(problem, way[good], way[bad])
+            low, high = 0.0, segment.length
+            while high - low > ON_SHEET * segment.length:
+                half = 0.5 * (low + high)
+                low, high = (half, high) if follows(segment.at(half)) else (low, half)
+            way, end = [*way[: good + 1], *([segment.at(low)] if low else [])], "fold"
+        before = [Point(point.z, -point.tangent) for point in whole[:0:-1]]
+        whole, why = before + way, [*why, end]
+    return whole, (why[0], why[1])
 
 
 def not_followed(plane: Plane, curves: list[TracedCurve]) -> Iterator[str]:
@@ -200,7 +294,7 @@ def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
     highest speed.
     """
     if not isinstance(model, Continuum):
-        return Plane(model, window, speed)
+        return (BentPlane if bent_in(model.pipe, window) else Plane)(model, window, speed)
     fastest = speed or 0.0
     for number, low, size in zip(window.numbers, window.low, window.size, strict=True):
         if number is None:
@@ -210,8 +304,16 @@ def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
     return basis_plane(model.frozen(size), window, speed)
 
 
+def bent_in(pipe: Pipe, window: Window) -> bool:
+    """Whether a load bends the pipe somewhere in the window."""
+    corners = (window.place(np.array(share)) for share in product((0, 1), (0, 1)))
+    return not all(window.pipe(pipe, at).rests_straight for at in corners)
+
+
 def basis_plane(model: Galerkin, window: Window, speed: float | None) -> Plane:
     """The plane of a reduced model of the continuous pipe; only its resolved modes count."""
+    if bent_in(model.pipe, window):
+        return BentPlane(model, window, speed, model.planar.resolved_modes)
     return Plane(model, window, speed, count_resolved(model, eigenproblem(model).spectrum()))
 
 
@@ -233,11 +335,25 @@ def line_starts(
         """The point (x, y) of a line along x (0) or y (1) at which that number has a value."""
         return np.where([along == 0, along == 1], value, line)
 
-    def add(along: int, line: Array, value: float, frequency: float) -> None:
+    def add(along: int, line: Array, value: float, frequency: float, plane: int = 0) -> None:
         x, y = (on(line, along, value) - window.low) / window.size
         z = np.array([frequency, y, x] if frequency else [y, x])
-        found.append(CurveStart(z, -2 if along == 0 else -1))
+        found.append(CurveStart(z, -2 if along == 0 else -1, plane))
 
+    if isinstance(plane, BentPlane):
+        every = [
+            (along, value)
+            for along in (1, 0)
+            for value in plane.lines(
+                1 - along, LINES_OF_SPEED if plane.speed_index == along else LINES
+            )
+        ]
+        for along, value in track(every, len(every), "lines", shown):
+            crossed, failed = plane.crossed(line := np.full(2, value), along)
+            for one in crossed:
+                add(along, line, *one)
+            failures += [f"crossings at {value:.6g}: {failed}"] if failed else []
+        return found, failures
     for along in (1, 0):
         by_speed = plane.speed_index == along
         low, size = float(window.low[along]), float(window.size[along])
@@ -332,7 +448,7 @@ def larger_plane(model: Continuum, plane: Plane, number: int, moved: float) -> P
     Raises:
         NotConverged: if no larger basis is allowed.
     """
-    inner, size = basis_joints(model.pipe).size, plane.dof
+    inner, size = basis_joints(model.pipe).size, plane.model.planar.dof
     if number > 1 and size >= LARGEST + FUNCTIONS_A_JOINT * inner:
         raise NotConverged(
             f"curves of the continuous pipe do not converge: a point still moves by {moved:.1e}"
@@ -346,14 +462,18 @@ def distance_in(plane: Plane, curve: TracedCurve) -> float:
 
     It is relative to their numbers or 1, and infinite if one of the points does not exist there.
     """
-    problem, last = curve.problem.on_other(plane), len(curve.points) - 1
+    index, last = int(bool(curve.problem.plane.across)), len(curve.points) - 1
+    problem = curve.problem.on_other(plane.planes[index])
     largest = 0.0
     for k in np.unique(np.linspace(0, last, 3 + last // 8, dtype=int)):
-        point = curve.points[k]
+        point, here = curve.points[k], curve.problem.place(curve.points[k].z)
+        own = slice(curve.problem.plane.rest_size, None)
+        rest = problem.plane.nearest_rest(here)
+        z = np.append(rest, point.z[own])
+        moved = Point(z, np.append(0.0 * rest, point.tangent[own]))
         try:
-            there = problem.place(problem.at(point, 0.0).z)
+            there = problem.place(problem.at(moved, 0.0).z)
         except NewtonFailed:
             return math.inf
-        here = problem.place(point.z)
         largest = max(largest, float((np.abs(here - there) / np.maximum(1.0, np.abs(here))).max()))
     return largest

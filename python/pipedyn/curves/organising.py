@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import BranchStep, Control, Point
 from pipedyn.continuation.tracer import TestFunction
-from pipedyn.curves.boundary_curves import CurveStart, TracedCurve
+from pipedyn.curves.boundary_curves import CurveStart, TracedCurve, is_fold
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
     CoupledModeProblem,
@@ -39,6 +39,8 @@ from pipedyn.util.result import Result
 PointKind = Literal[
     "Bautin",
     "Hopf-pitchfork",
+    "fold-Hopf",
+    "cusp",
     "double Hopf",
     "Bogdanov-Takens",
     "double divergence",
@@ -86,8 +88,10 @@ class OrganisingPoint(Result):
 
     Attributes:
         kind: "Bautin" (the criticality of flutter changes, l1 = 0), "Hopf-pitchfork" (flutter and
-            divergence at once), "double Hopf" (two pairs on the axis), "Bogdanov-Takens" (the
-            frequency of flutter falls to 0 on a divergence: zero is a double root with one mode),
+            divergence at once; "fold-Hopf" if the divergence is a fold of a bent rest), "cusp" (two
+            curves of folds meet, beyond which the rest does not turn back), "double Hopf" (two
+            pairs on the axis), "Bogdanov-Takens" (the frequency of flutter falls to 0 on a
+            divergence: zero is a double root with one mode),
             "double divergence" (two curves of divergence cross, as where buckling modes exchange:
             zero is a double root with two modes, and no flutter begins there) or "degenerate
             pitchfork" (the criticality of divergence changes; mirror symmetry leaves no cusp but
@@ -109,11 +113,11 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> tuple[Complex, 
 
     Growth is the real part minus its rounding; eigenvalues that grow most come first.
     """
-    found = plane.eigenvalues(problem.place(z))
+    found = plane.eigenvalues(problem.with_rest(z))
     growth = beyond_rounding(found)
     omega = problem.frequency(z)
     # Zero is a double root where lambda and -lambda are both roots.
-    pair = problem.kind == "flutter" or plane.conservative_at(problem.place(z))
+    pair = problem.kind == "flutter" or plane.conservative_at(problem.with_rest(z))
     for value in (1j * omega, -1j * omega) if pair else (0j,):
         k = int(np.argmin(np.abs(found - value)))
         if abs(found[k] - value) <= OWN * (1.0 + omega):  # else its mode does not count
@@ -126,10 +130,11 @@ def unstable_counts(plane: Plane, curve: TracedCurve) -> NDArray[np.int_]:
     """Number of unstable roots other than those on the axis at each point of a curve, (S,)."""
     counts = [others_unstable(plane, curve.problem, point.z) for point in curve.points]
     if curve.problem.kind == "flutter" and not plane.conservative:
-        # At an end without damping and flow all roots lie on the axis: the number right before the
-        # end is taken.
+        # At an end without damping and flow all roots lie on the axis, and at one at which the pipe
+        # rests straight a pair in each plane: the number right before the end is taken.
         for end, before in ((0, 1), (-1, -2)):
-            if plane.conservative_at(curve.problem.place(curve.points[end].z)):
+            at = curve.problem.with_rest(curve.points[end].z)
+            if plane.conservative_at(at) or plane.straight_near(curve.points[end].z[[-1, -2]]):
                 counts[end] = counts[before]
     return np.array(counts)
 
@@ -137,14 +142,14 @@ def unstable_counts(plane: Plane, curve: TracedCurve) -> NDArray[np.int_]:
 def others_unstable(plane: Plane, problem: AxisProblem, z: Array) -> int:
     """Number of unstable roots other than those on the axis at a point of a curve."""
     if isinstance(problem, CoupledModeProblem):
-        found, root = plane.eigenvalues(problem.place(z)), problem.root(z)
+        found, root = plane.eigenvalues(problem.with_rest(z)), problem.root(z)
         growth = beyond_rounding(found)
         for value in (root, root, -root, -root):
             k = np.argmin(np.abs(found - value))
             found, growth = np.delete(found, k), np.delete(growth, k)
-        return _unstable(growth) + (2 if z[0] < 0.0 else 0)
+        return _unstable(growth) + (2 if z[-3] < 0.0 else 0)
     if problem.kind == "divergence":
-        static = plane.static_stiffnesses(problem.place(z))
+        static = plane.static_stiffnesses(problem.with_rest(z))
         if static is not None:
             return int(np.count_nonzero(np.delete(static, np.argmin(np.abs(static))) < 0.0))
     return _unstable(other_roots(plane, problem, z)[1])
@@ -163,19 +168,21 @@ class DoublePoint:
         at: the point (y, x), as shares of the window.
         unstable: number of other roots that are unstable.
         modes: number of modes to which two roots 0 belong: 2 where K lacks two ranks, else 1.
+        fold: whether the real root is that of a fold of a bent rest.
     """
 
     roots: tuple[float, float]
     at: Array
     unstable: int
     modes: int = 1
+    fold: bool = False
 
     def starts(self) -> Iterator[CurveStart]:
         """Starts of the curves on which the point lies.
 
-        A double divergence has none, as the curves that cross there are known.
+        A double divergence and a cusp have none, as the curves there are known.
         """
-        if self.modes == 2:
+        if self.modes == 2 or (self.fold and not any(self.roots)):
             return
         if not any(self.roots):
             yield CurveStart(np.array([0.0, *self.at]))
@@ -212,6 +219,8 @@ class DoublePoint:
         kind: PointKind = "double Hopf" if low else "Hopf-pitchfork" if high else "Bogdanov-Takens"
         if self.modes == 2:
             kind = "double divergence"
+        elif self.fold:
+            kind = "fold-Hopf" if high else "cusp"
         frequencies = tuple(root for root in self.roots if root)
         return OrganisingPoint(kind, float(x), float(y), frequencies, self.unstable)
 
@@ -229,6 +238,10 @@ def double_points(
             z = curve.points[k].z
             others = others_unstable(plane, curve.problem, z)
             yield None, DoublePoint((0.0, 0.0), z[-2:], others)
+        elif end == "cusp":
+            z = curve.points[k].z
+            others = others_unstable(plane, curve.problem, z)
+            yield None, DoublePoint((0.0, 0.0), z[-2:], others, fold=True)
     counts = curve.counts
     if plane.conservative:
         if curve.problem.kind != "divergence":
@@ -243,8 +256,11 @@ def double_points(
             continue
         try:
             for s, guess in _approximate_points(segment, plane):
-                one = guess.solved(plane, curve.problem.control)
-                if one.modes == 2 or not plane.conservative_near(one.at[::-1], AT_EDGE):
+                one = guess
+                if not plane.rest_size:
+                    one = guess.solved(plane, curve.problem.control)
+                edge = plane.conservative_near if not plane.rest_size else plane.straight_near
+                if one.modes == 2 or not edge(one.at[::-1], AT_EDGE):
                     yield (k, s), one
         except NewtonFailed as error:
             x, y = curve.problem.place(segment.begin.z)
@@ -282,7 +298,7 @@ def separate(plane: Plane, curve: TracedCurve, places: list[tuple[int, float, in
 
 def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
     """Eigenvalues of the symmetric part of K at a point of divergence, without the one near 0."""
-    stiffness = plane.at(problem.place(z))[2].real
+    stiffness = plane.at(problem.with_rest(z))[2].real
     values = np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))
     return np.delete(values, np.argmin(np.abs(values)))
 
@@ -307,18 +323,21 @@ def _approximate_points(
         found, grown = other_roots(plane, problem, z)
         least = min(_unstable(grown), _unstable(other_roots(plane, problem, step.at(before).z)[1]))
         # If two eigenvalues of a symmetric K pass 0 at once, K lacks two ranks.
-        if plane.conservative or (problem.kind == "divergence" and _lacks_two_ranks(plane, z)):
+        if plane.conservative or (
+            problem.kind == "divergence" and _lacks_two_ranks(plane, problem, z)
+        ):
             yield beyond, DoublePoint((0.0, 0.0), z[-2:], least, modes=2)
             continue
         passing = abs(float(found[np.argmin(np.abs(grown))].imag))
         low, high = sorted((passing if passing > STATIC else 0.0, problem.frequency(z)))
-        yield beyond, DoublePoint((low, high), z[-2:], least)
+        yield beyond, DoublePoint((low, high), z[-2:], least, fold=high > 0.0 and is_fold(problem))
 
 
-def _lacks_two_ranks(plane: Plane, z: Array) -> bool:
+def _lacks_two_ranks(plane: Plane, problem: AxisProblem, z: Array) -> bool:
     """Whether two modes seem to have no stiffness at a point of divergence."""
-    sizes = np.linalg.svd(plane.at(plane.window.place(z[[-1, -2]]))[2].real, compute_uv=False)
-    return bool(sizes.size > 1 and sizes[-2] <= SECOND_RANK)
+    each = (one.at(problem.with_rest(z))[2].real for one in plane.planes)
+    sizes = np.concatenate([np.linalg.svd(one, compute_uv=False) for one in each])
+    return bool(np.count_nonzero(sizes <= SECOND_RANK) > 1)
 
 
 def _two_modes(plane: Plane, at: Array) -> Array:
@@ -389,9 +408,12 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
     """The cubic coefficient at a point of a curve, and the coefficient that decides criticality.
 
     The second number is the mean of drag or, without drag, the cubic coefficient. It is negative
-    where the motion or shape that emerges attracts. Both are NaN where they are not known.
+    where the motion or shape that emerges attracts. Both are NaN where they are not known, and at
+    divergences of a bent pipe.
     """
     at, omega = problem.place(z), problem.frequency(z)
+    if plane.rest_size and problem.kind == "divergence":
+        return np.nan, np.nan
     if isinstance(problem, CoupledModeProblem) or (problem.kind == "flutter" and omega < 1e-4):
         return np.nan, np.nan
     model, u = plane.model_at(at), plane.speed_at(at)
@@ -403,7 +425,9 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
         if problem.kind == "divergence":
             cubic = static_cubic(model, u)
             return cubic, cubic
-        form, drag, _ = onset_coefficients(model, u, omega, np.zeros(2 * model.integrated))
+        rest = np.zeros(2 * model.integrated)
+        rest[: plane.rest_size] = plane.nearest_rest(at)
+        form, drag, _ = onset_coefficients(model, u, omega, rest)
         return form.lyapunov, drag.real if drag else form.lyapunov
     return np.nan, np.nan
 

@@ -12,6 +12,9 @@ Flutter is Re g = Im g / omega = 0: without hysteresis Re g is even in omega and
 so that these equations stay smooth where the frequency falls to 0 (Bogdanov-Takens). Divergence is
 g = 0 at omega = 0. The borders are the real parts of v and w at an earlier point of the curve.
 
+If a load bends the pipe, its coordinates q at rest are unknowns, too, and its equilibrium adds as
+many equations. Curves then stay smooth where the rest turns back in a fold, a divergence.
+
 Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilibria, ch. 3 and 4.
 """
 
@@ -27,7 +30,7 @@ from numpy.typing import NDArray
 from pipedyn.continuation.arclength import Control, DenseProblem, Point
 from pipedyn.linear.plane import Matrices, Plane
 from pipedyn.linear.sensitivity import CrossingKind
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
 from pipedyn.util.newton import NewtonFailed
 
@@ -53,8 +56,8 @@ Borders = tuple[Array, Array]
 class AxisProblem(DenseProblem):
     """Equations of points (x, y) at which an eigenvalue lies on the imaginary axis.
 
-    The unknowns are ([omega,] y) and the continuation parameter is x; omega is in units of
-    frequency, and x and y are shares of the window.
+    The unknowns are (*q, [omega,] y), with the coordinates q of a bent pipe at rest, and the
+    continuation parameter is x; omega is in units of frequency, x and y are shares of the window.
 
     Args:
         plane: gives the matrices at each point of the window.
@@ -66,9 +69,11 @@ class AxisProblem(DenseProblem):
     unknowns = 2
 
     def __init__(self, plane: Plane, control: Control, unit: float = 1.0) -> None:
-        # Lengths are measured in the window scaled to a unit square; a unit of frequency is as
-        # long as a side of the square.
+        # Lengths are measured in the window scaled to a unit square; a unit of frequency, or 1 rad
+        # of all coordinates at rest, is as long as a side of the square.
         super().__init__(self._equations, self.unknowns, math.sqrt(self.unknowns), control)
+        rest = np.full(plane.rest_size, 1.0 / (self.unknowns * max(plane.rest_size, 1)))
+        self.weights = np.append(rest, self.weights)
         self.plane, self.unit = plane, unit
         self._borders: Borders | None = None
 
@@ -76,9 +81,13 @@ class AxisProblem(DenseProblem):
         """Values (x, y) of the two numbers at unknowns z."""
         return self.plane.window.place(z[[-1, -2]])
 
+    def with_rest(self, z: Array) -> Array:
+        """Values (x, y, *q) at unknowns z, with the coordinates of a bent pipe at rest."""
+        return np.append(self.place(z), z[: self.plane.rest_size])
+
     def frequency(self, z: Array) -> float:
         """Angular frequency of the pair on the axis, in 1 / T; 0 at a divergence."""
-        return float(z[0] * self.unit) if z.size == 3 else 0.0
+        return float(z[-3] * self.unit) if self.kind == "flutter" else 0.0
 
     def check(self, z: Array) -> None:
         """Raises NewtonFailed if z is far from the window, or the plane has no matrices there."""
@@ -92,17 +101,39 @@ class AxisProblem(DenseProblem):
         return type(self)(plane, self.control, self.unit)
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
+        """Residuals, those of the rest first, with their derivatives by all unknowns and x."""
+        z, rest = np.append(x, p), self.plane.rest_size
+        try:
+            directions, matrices, changes, balance, by = self.plane.varied(self.with_rest(z))
+        except ValueError as error:  # the pipe is bent too sharply
+            raise NewtonFailed(f"there is no such rest: {error}") from error
+        residual, derivative = self._conditions(z, matrices, changes)
+        own = derivative.shape[1] - len(changes)
+        rows = derivative[:, own:] @ directions
+        rows = np.hstack([rows[:, :rest], derivative[:, :own], rows[:, rest:]])
+        resting = np.hstack([by[:, :rest], np.zeros((rest, own)), by[:, rest:]])
+        return np.append(balance, residual), np.vstack([resting, rows])
+
+    def _conditions(
+        self, z: Array, matrices: Matrices, changes: list[Matrices]
+    ) -> tuple[Array, Array]:
+        """Residuals of the eigenvalue, with derivatives by omega, if any, and in directions.
+
+        The changes are derivatives of the matrices in these directions.
+        """
         raise NotImplementedError
 
     def change(self, point: Point) -> int:
         """Number of unstable roots on the left of the curve minus the number on its right."""
         z, omega = point.z, self.frequency(point.z)
-        (mass, damping, stiffness), by_x, by_y = self.plane.matrices(self.place(z))
+        right, up = point.tangent[[-1, -2]]
+        if self.plane.across is False and not omega and self.kind == "divergence":
+            return 1 if self.plane.turns_back(self.with_rest(z)) @ [-up, right] > 0.0 else -1
+        (mass, damping, stiffness), *by = self.plane.matrices(self.with_rest(z))
         whole = stiffness + 1j * omega * damping - omega**2 * mass
         _, v, w, _ = self._null_vectors(whole if omega else stiffness.real)
 
-        right, up = point.tangent[[-1, -2]]
-        slope_y, slope_x = self._slopes(omega, v, w, by_y, by_x)
+        slope_x, slope_y = self.plane.window.size * self._slopes(omega, v, w, by)
         leftwards = right * slope_y - up * slope_x
         down = complex(w @ (damping @ v) + 2j * omega * (w @ (mass @ v)))
         sizes = float(np.linalg.norm(w) * np.linalg.norm(damping) * np.linalg.norm(v))
@@ -113,14 +144,13 @@ class AxisProblem(DenseProblem):
         return (2 if self.kind == "flutter" else 1) * (1 if (leftwards / down).real > 0.0 else -1)
 
     def _slopes(
-        self, omega: float, v: NDArray[Any], w: NDArray[Any], by_y: Matrices, by_x: Matrices
-    ) -> list[complex]:
-        """Derivatives of g by y and by x as shares of the window, from those of the matrices."""
-        width, height = self.plane.window.size
-        return [
-            -size * complex(w @ (k @ v + 1j * omega * (c @ v) - omega**2 * (m @ v)))
-            for size, (m, c, k) in ((height, by_y), (width, by_x))
-        ]
+        self, omega: float, v: NDArray[Any], w: NDArray[Any], changes: list[Matrices]
+    ) -> Complex:
+        """Derivatives of g in some directions, from those of the matrices."""
+        return np.array(
+            [-(w @ (k @ v + 1j * omega * (c @ v) - omega**2 * (m @ v))) for m, c, k in changes],
+            dtype=np.complex128,
+        )
 
     def starting_at(self, z: Array) -> Point:
         """The solution z as a point of the curve; its unit tangent may point either way."""
@@ -189,19 +219,18 @@ def _largest_real(v: NDArray[Any]) -> Array:
 class FlutterProblem(AxisProblem):
     """Equations of flutter, a pair on the axis: z = (omega / unit, y, x), shares of the window."""
 
-    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
-        share = max(float(x[0]), LEAST)
+    def _conditions(
+        self, z: Array, matrices: Matrices, changes: list[Matrices]
+    ) -> tuple[Array, Array]:
+        share = max(float(z[-3]), LEAST)
         omega = self.unit * share
-        matrices, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
-        (m, c, k) = matrices
+        m, c, k = matrices
         g, v, w, _ = self._null_vectors(k + 1j * omega * c - omega**2 * m)
         by_frequency = -self.unit * complex(w @ (1j * (c @ v) - 2.0 * omega * (m @ v)))
-        slopes = [by_frequency, *self._slopes(omega, v, w, by_y, by_x)]
-        derivative = np.array(
-            [[slope.real for slope in slopes], [slope.imag / share for slope in slopes]]
-        )
+        slopes = np.append(by_frequency, self._slopes(omega, v, w, changes))
+        derivative = np.stack([slopes.real, slopes.imag / share])
         derivative[1, 0] -= g.imag / share**2
-        if x[0] >= LEAST:
+        if z[-3] >= LEAST:
             return np.array([g.real, g.imag / share]), derivative
         g, v, w, _ = self._null_vectors(k.real)
         return np.array([g.real, -self.unit * float((w @ (c @ v)).real)]), derivative
@@ -213,11 +242,11 @@ class DivergenceProblem(AxisProblem):
     kind: CrossingKind = "divergence"
     unknowns = 1
 
-    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
-        matrices, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
+    def _conditions(
+        self, z: Array, matrices: Matrices, changes: list[Matrices]
+    ) -> tuple[Array, Array]:
         g, v, w, _ = self._null_vectors(matrices[2].real)
-        slopes = self._slopes(0.0, v, w, by_y, by_x)
-        return np.array([g.real]), np.array([[slope.real for slope in slopes]])
+        return np.array([g.real]), self._slopes(0.0, v, w, changes).real[None]
 
 
 class CoupledModeProblem(AxisProblem):
@@ -231,18 +260,18 @@ class CoupledModeProblem(AxisProblem):
 
     def frequency(self, z: Array) -> float:
         """Angular frequency of the pairs that meet on the axis; 0 where real roots meet."""
-        return math.sqrt(max(float(z[0]) * self.unit, 0.0))
+        return math.sqrt(max(float(z[-3]) * self.unit, 0.0))
 
     def root(self, z: Array) -> complex:
         """The double root above the real axis or, if double roots are real, the growing one."""
-        return cmath.sqrt(-float(z[0]) * self.unit)
+        return cmath.sqrt(-float(z[-3]) * self.unit)
 
     def change(self, point: Point) -> int:
         """Number of unstable roots on the left of the curve minus the number on its right.
 
         The difference is 0 where real roots meet: as many are unstable before as after they meet.
         """
-        if point.z[0] <= 0.0:
+        if point.z[-3] <= 0.0:
             return 0
         _, derivative = self._equations(point.z[:-1], point.p)
         right, up = point.tangent[[-1, -2]]
@@ -251,21 +280,21 @@ class CoupledModeProblem(AxisProblem):
         # opposite signs.
         return 2 if leftwards * derivative[1, 0] > 0.0 else -2
 
-    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
-        s = self.unit * float(x[0])
+    def _conditions(
+        self, z: Array, matrices: Matrices, changes: list[Matrices]
+    ) -> tuple[Array, Array]:
+        s = self.unit * float(z[-3])
         moved = math.copysign(max(abs(s), LEAST_SQUARE), s)
         root = cmath.sqrt(-moved)
-        pencil, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
-        width, height = self.plane.window.size
         # P and its derivatives by y and x, and the derivatives of these by lambda.
-        each = ((1.0, pencil), (height, by_y), (width, by_x))
-        whole, *slopes = (size * (k.real + root * c + root**2 * m) for size, (m, c, k) in each)
-        turned, *mixed = (size * (c + 2.0 * root * m) for size, (m, c, _) in each)
+        each = (matrices, *changes)
+        whole, *slopes = (k.real + root * c + root**2 * m for m, c, k in each)
+        turned, *mixed = (c + 2.0 * root * m for m, c, _ in each)
         g, v, w, bordered = self._null_vectors(whole if moved > 0.0 else whole.real)
         v_turned = np.linalg.solve(bordered, np.append(-(turned @ v), 0.0))[:-1]
         w_turned = np.linalg.solve(bordered.T, np.append(-(w @ turned), 0.0))[:-1]
         first, second = [], []  # derivatives of g by lambda, y and x, and of these by lambda
-        for by, mixed_by in zip([turned, *slopes], [2.0 * pencil[0], *mixed], strict=True):
+        for by, mixed_by in zip([turned, *slopes], [2.0 * matrices[0], *mixed], strict=True):
             first.append(-(w @ by @ v))
             second.append(-(w_turned @ by @ v + w @ mixed_by @ v + w @ by @ v_turned))
         # Derivatives by lambda are converted to derivatives by s with ds = -2 lambda dlambda.

@@ -336,7 +336,8 @@ class _Unknown:
             return _with_stiffness(pipe, value)
         one = value / _unit(self.name, pipe)
         if self.name == COMPLIANCE:
-            return replace(pipe, root=RootSpring(1.0 / one))
+            spring = pipe.root if isinstance(pipe.root, RootSpring) else RootSpring(1.0)
+            return replace(pipe, root=replace(spring, stiffness=1.0 / one))
         return checked_number("unknowns", self.name, pipe, others=()).changed(pipe, one)
 
 

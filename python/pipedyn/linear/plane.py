@@ -149,23 +149,33 @@ class Plane:
         exact: whether the matrices are polynomials in the scales of the numbers.
     """
 
+    rest_size = 0
+    """Number of coordinates at rest among the unknowns of a curve, of a bent pipe."""
+
+    across: bool | None = None
+    """Whether motions are across the plane in which the pipe rests bent; None of straight pipes."""
+
     def __init__(
         self, model: Model, window: Window, speed: float | None, modes: int | None = None
     ) -> None:
         self.model, self.window, self.speed = model, window, speed
-        self.dof = model.dof
         self.modes = model.dof if modes is None else modes
         self.hysteretic = bool(model.pipe.hysteresis) or any(
             number is not None and number.name == "hysteresis" for number in window.numbers
         )
-        middle = self.model_at(window.place(np.array([0.5, 0.5])))
-        self.scale = np.asarray(middle.from_elastic(np.eye(self.dof)), dtype=np.float64)
         self._scales = [
             _scale(number, low, low + length, model)
             for number, low, length in zip(
                 window.numbers, window.low.tolist(), window.size.tolist(), strict=True
             )
         ]
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Computes the matrices at the nodes, and tests their interpolation."""
+        window, self.dof = self.window, self.model.dof
+        middle = self.model_at(window.place(np.array([0.5, 0.5])))
+        self.scale = np.asarray(middle.from_elastic(np.eye(self.dof)), dtype=np.float64)
         nodes = product(*(one.nodes for one in self._scales))
         self._nodes = np.array([self._parts(np.array(at)) for at in nodes])
         inside = window.place(np.array([0.37, 0.61]))
@@ -174,6 +184,23 @@ class Plane:
         sizes = np.abs(own).max(axis=(1, 2), keepdims=True)
         self.exact = bool((np.abs(own - by_nodes) <= AFFINE * (sizes + 1e-300)).all())
         self.conservative = self.conservative_at(inside)
+
+    @property
+    def planes(self) -> tuple[Plane, ...]:
+        """The plane itself or, of a bent pipe in space, one for motions in each direction."""
+        return (self,)
+
+    def nearest_rest(self, at: Array) -> Array:
+        """Coordinates at rest, (rest_size,), of the pipe with numbers (x, y): of a bent one."""
+        return np.empty(0)
+
+    def turns_back(self, at: Array) -> Array:
+        """Direction in which a bent rest ceases to exist at a fold; see `BentPlane`."""
+        raise NotImplementedError
+
+    def follows(self, at: Array) -> bool:
+        """Whether the rest at (x, y, *q) is that which follows from the pipe without loads."""
+        return True
 
     @cached_property
     def speed_index(self) -> int | None:
@@ -186,6 +213,13 @@ class Plane:
             return float(at[self.speed_index])
         assert self.speed is not None
         return self.speed
+
+    def straight_near(self, share: Array, distance: float = ON_EDGE) -> bool:
+        """Whether a pipe that is bent elsewhere is straight at shares, or on an edge that close."""
+        edges = share.clip(0.0, 1.0).round()
+        nearest = np.where(np.abs(share - edges) <= distance, edges, share)
+        at = self.window.place(nearest)
+        return bool(self.rest_size) and self.model_at(at).pipe.rests_straight
 
     def conservative_near(self, share: Array, distance: float) -> bool:
         """Whether the system is conservative at shares of the window, or on an edge that close."""
@@ -264,6 +298,16 @@ class Plane:
             mass, _, flow, _, flux, _ = parts[0]
             found[1 + self.speed_index] = np.zeros_like(mass), flow, 2.0 * u * flux
         return found[0], found[1], found[2]
+
+    def varied(self, at: Array) -> tuple[Array, Matrices, list[Matrices], Array, Array]:
+        """The matrices at a point (x, y, *q) and their derivatives in some directions of (q, y, x).
+
+        x and y are shares of the window in directions, (k, n + 2), n being `rest_size`: 0 for a
+        straight pipe. The last results are the n forces at rest with derivatives, (n, n + 2).
+        """
+        matrices, *by = self.matrices(at)
+        changes = [_times(size, one) for size, one in zip(self.window.size, by, strict=True)]
+        return np.eye(2), matrices, changes[::-1], np.empty(0), np.empty((0, 2))
 
     def _joined(self, parts: Array, u: float) -> Matrices:
         """M, C, K at a flow speed from their parts, or derivatives from those of the parts."""
@@ -455,6 +499,11 @@ def _between(a: Sample, b: Sample) -> tuple[list[RootOnLine], list[RootOnLine], 
             place = s + share * (t - s), complex(one[i] + share * (other[j] - one[i]))
             (passed if crosses else extremes).append(place)
     return passed, extremes, bool(doubtful)
+
+
+def _times(size: float, matrices: Matrices) -> Matrices:
+    mass, damping, stiffness = matrices
+    return size * mass, size * damping, size * stiffness
 
 
 def _differ_little(one: NDArray[Any], other: NDArray[Any]) -> bool:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import BranchStep, Control, DenseProblem, Point
-from pipedyn.continuation.tracer import Tracer
+from pipedyn.continuation.tracer import Tracer, folds
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
 from pipedyn.models.base import Model, Operators
@@ -135,10 +135,11 @@ class BranchOfRest:
 
     def matrices(self, x: Array, u: float, plane: int) -> tuple[Array, Array, NDArray[Any]]:
         """(M, C, K) of small motions about an equilibrium in the plane of rest, or across it."""
+        if not plane:
+            return self.plane.operators(x).at(u)
         if self._about is None or not np.array_equal(self._about[0], x):
             self._about = x, self.model.operators(self.model.from_plane(x))
-        half = self.model.dof // len(self.planes)
-        own = slice(plane * half, (plane + 1) * half)
+        own = slice(self.plane.dof, None)
         mass, damping, stiffness = self._about[1].at(u)
         return mass[own, own], damping[own, own], stiffness[own, own]
 
@@ -230,31 +231,42 @@ class BranchOfRest:
             reason, why = "not converged", str(error)
         return why or reason
 
+    def towards(self, u: float) -> tuple[Point, str]:
+        """The rest that follows from that without flow, at a speed or where it ends before.
+
+        Second comes "range" at that speed, "fold" where the branch turns back, or a sentence that
+        says why it was not followed.
+        """
+        still = self.without_flow()
+        last = [Point(np.append(still, 0.0), np.append(0.0 * still, 1.0))]
+
+        def note(step: BranchStep[DenseProblem]) -> str | None:
+            turns = folds(step, 1e-12)
+            last[:] = [step.at(turns[0][0]) if turns else step.end]
+            return "fold" if turns else None
+
+        if u == 0.0:
+            return last[0], "range"
+        for share in SHORTER_STEPS:
+            before = last[0].z
+            reason = self.following(u, note, share=share)
+            if reason == "range" and not self._buckles(last[0].x, u):
+                break
+            same = share < 1.0 and np.abs(last[0].z - before).max() < SAME_REST
+            if same and reason != "range":  # else steps of two lengths may jump alike
+                break
+        return last[0], reason
+
     def at(self, u: float) -> Array:
         """The rest at a flow speed that follows from that without flow, shape (integrated,).
 
         Raises:
             NotConverged: if the branch turns back before that speed, or is lost.
         """
-        last: list[Point] = []
-
-        def note(step: BranchStep[DenseProblem]) -> str | None:
-            last[:] = [step.end]
-            return "fold" if step.end.tangent[-1] <= 0.0 else None
-
-        if u == 0.0:
-            return self.without_flow()
-        for share in SHORTER_STEPS:
-            before = last[0].z if last else np.inf
-            reason = self.following(u, note, share=share)
-            if reason == "range" and not self._buckles(last[0].x, u):
-                break
-            same = bool(last) and np.abs(last[0].z - before).max() < SAME_REST
-            if same and reason != "range":  # else steps of two lengths may jump alike
-                break
+        last, reason = self.towards(u)
         if reason != "range":
-            raise NotConverged(lost_rest(reason, last[0].p if last else 0.0, u))
-        return last[0].x
+            raise NotConverged(lost_rest(reason, last.p, u))
+        return last.x
 
 
 def _unloaded(pipe: Pipe) -> Pipe:

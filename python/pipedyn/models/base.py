@@ -162,8 +162,11 @@ UNIFORM = _core.Profile()
 """Profile of a property that is uniform along the pipe, in the core's form."""
 
 
-def core_pipe(pipe: Pipe, applied: Sequence[Any] = ()) -> _core.Pipe:
-    """The pipe's numbers in the core's form, with laws of applied forces."""
+def core_pipe(pipe: Pipe, applied: Sequence[Any] = (), root_across: float = 0.0) -> _core.Pipe:
+    """The pipe's numbers in the core's form, with laws of applied forces.
+
+    root_across: that of the pipe, for a model in three dimensions.
+    """
     return _core.Pipe(  # positional arguments: keywords would double the time
         own_numbers(pipe),
         pipe.flow == "aspirating",
@@ -176,6 +179,7 @@ def core_pipe(pipe: Pipe, applied: Sequence[Any] = ()) -> _core.Pipe:
         pipe.supports,
         UNIFORM if pipe.stiffness is None else pipe.stiffness.core,
         UNIFORM if pipe.mass is None else pipe.mass.core,
+        root_across,
     )
 
 

@@ -518,7 +518,8 @@ class SpatialChain(SpatialModel):
     def core(self) -> _core.SpatialChain:
         segments = core_segments(self._planar, spring=self._planar._own_joints)
         held = self._planar._held.tolist()
-        return _core.SpatialChain(core_pipe(self._pipe, self._applied), segments, held)
+        pipe = core_pipe(self._pipe, self._applied, self._pipe.root_across)
+        return _core.SpatialChain(pipe, segments, held)
 
     @property
     def _held_places(self) -> Array:
@@ -598,7 +599,11 @@ class SpatialChain(SpatialModel):
         return found.reshape(places.size, 3, self.coordinates, p.shape[1])
 
     def _aside(self, rest: Array, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
-        return self._planar._deflected(np.sinc(rest / np.pi)[:, None] * p, s, derivative)
+        return self._across._deflected(np.sinc(rest / np.pi)[:, None] * p, s, derivative)
+
+    @property
+    def _of_shapes_across(self) -> Any:
+        return self._across
 
     @property
     def _angle_places(self) -> Array:

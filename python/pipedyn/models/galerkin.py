@@ -519,9 +519,23 @@ class SpatialGalerkin(SpatialModel):
     def coordinate_kind(self) -> str:
         return f"{self._planar.coordinate_kind} in two planes"
 
+    def _of_across(self, of: Callable[[Any], Operators]) -> Operators:
+        stiffer, pipe = self._pipe.root_across, self._pipe.across()
+        if not stiffer:
+            return super()._of_across(of)
+        planar = self._planar.with_pipe(replace(pipe, root=self._pipe.root))
+        found, slope = of(planar), planar._deflected(np.eye(planar.dof), np.zeros(1), 1)
+        return replace(found, stiffness=found.stiffness + stiffer * slope.T @ slope)
+
     @cached_property
     def core(self) -> _core.SpatialGalerkin:
-        pipe = core_pipe(self._pipe, self._applied)
+        across, basis = self._pipe.root_across, self._planar.basis
+        if across and basis != "legendre":
+            raise ValueError(
+                "basis must be 'legendre' for a root whose spring differs in x and z, as beam "
+                f"modes are those of one spring, got {basis!r}"
+            )
+        pipe = core_pipe(self._pipe, self._applied, across)
         return self._planar._compiled(_core.SpatialGalerkin, pipe)
 
     @property

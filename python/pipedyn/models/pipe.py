@@ -693,11 +693,13 @@ class Pipe(Saved):
     @cached_property
     def symmetric_about_axis(self) -> bool:
         """Whether the pipe is the same in all directions across its straight axis, as at rest."""
-        return self.rests_straight and all(term.symmetric_about_axis for term in self.terms)
+        alike = all(term.symmetric_about_axis for term in self.terms)
+        return alike and self.rests_straight and not self.root_across
 
     def across(self) -> Pipe:
-        """The pipe whose terms have along x the numbers that those of this one have along z."""
-        return replace(self, terms=tuple(term.across() for term in self.terms))
+        """The pipe whose terms and root have along x the numbers that these have along z."""
+        root = self.root.across() if isinstance(self.root, RootSpring) else self.root
+        return replace(self, terms=tuple(term.across() for term in self.terms), root=root)
 
     @cached_property
     def axial_loads(self) -> tuple[float, float]:
@@ -739,6 +741,13 @@ class Pipe(Saved):
         if isinstance(self.root, RootSpring):
             return self.root.stiffness
         return math.inf if self.root == "clamped" else 0.0
+
+    @property
+    def root_across(self) -> float:
+        """What the spring at the root has more for rotation across the plane z = 0, in EI / L."""
+        if not isinstance(self.root, RootSpring):
+            return 0.0
+        return self.root.across().stiffness - self.root.stiffness
 
     @property
     def end_held(self) -> bool:

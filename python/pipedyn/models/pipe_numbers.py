@@ -29,7 +29,7 @@ class PipeNumber:
 
     def holder(self, pipe: Pipe) -> Any:
         """What has the number: the pipe, the spring at its root or one of its terms."""
-        if self.name == "root.stiffness":
+        if self.name.startswith("root."):
             return pipe.root
         return pipe if self.term is None else pipe.terms[self.term]
 
@@ -39,8 +39,9 @@ class PipeNumber:
 
     def changed(self, pipe: Pipe, value: float) -> Pipe:
         """A copy of the pipe with another value of the number."""
-        if self.name == "root.stiffness":
-            return replace(pipe, root=RootSpring(value))
+        if self.name.startswith("root."):
+            spring = pipe.root if isinstance(pipe.root, RootSpring) else RootSpring(value)
+            return replace(pipe, root=replace(spring, **{self.attribute: value}))
         if self.term is None:
             changed = object.__new__(Pipe)  # a third of the time of `replace`
             vars(changed).update({name: vars(pipe)[name] for name in DEFAULTS})
@@ -64,8 +65,9 @@ def pipe_numbers(pipe: Pipe, motions: bool = False) -> dict[str, PipeNumber]:
         if one.flow in ("", pipe.flow) and not one.excluded(motions)
     }
     if isinstance(pipe.root, RootSpring):
-        rule = fields(RootSpring)[0].metadata["range"]
-        found["root.stiffness"] = PipeNumber("root.stiffness", "stiffness", None, rule)
+        for item, _ in given_fields(pipe.root):
+            number = PipeNumber(f"root.{item.name}", item.name, None, item.metadata["range"])
+            found[number.name] = number
     laws = [term.law for term in pipe.terms]
     for i, term in enumerate(pipe.terms):
         if not (motions or term.is_felt_by_small_motions):

@@ -262,13 +262,17 @@ class SpatialModel(MeetsSupports, Model):
     def _both(self, of: Callable[[Any], Operators]) -> Operators:
         """Operators of both planes, which are uncoupled, from those of a planar model."""
         planar = of(self._planar)
-        across = planar if self._pipe.symmetric_about_axis else of(self._across)
+        across = planar if self._pipe.symmetric_about_axis else self._of_across(of)
         both: dict[str, Any] = {
             name: scipy.linalg.block_diag(getattr(planar, name), getattr(across, name))
             for name in CORE_MATRICES
         }
         loss = None if planar.loss is None else scipy.linalg.block_diag(planar.loss, across.loss)
         return replace(planar, **both, loss=loss)
+
+    def _of_across(self, of: Callable[[Any], Operators]) -> Operators:
+        """Operators of the plane x = 0 about the straight pipe, in coordinates of `planar`."""
+        return of(self._across)
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Operators of small motions about a configuration in the plane z = 0.
@@ -352,7 +356,9 @@ class SpatialModel(MeetsSupports, Model):
 
     def elastic_operators(self) -> Operators:
         """Operators in elastic coordinates; about the straight pipe two blocks of planar ones."""
-        if self._reference is None or not self._reference.any():
+        straight = self._reference is None or not self._reference.any()
+        # Elastic coordinates are those of one root.
+        if straight and not self._pipe.root_across:
             return self._both(lambda planar: planar.elastic_operators())
         return self._elastic_about
 
@@ -380,10 +386,16 @@ class SpatialModel(MeetsSupports, Model):
         along, across = np.split(p, 2)
         planar, rest = self._planar, self._reference
         if rest is None:
-            return np.stack([planar._deflected(of, s, derivative) for of in (along, across)])
+            beside = self._of_shapes_across._deflected(across, s, derivative)
+            return np.stack([planar._deflected(along, s, derivative), beside])
         rest, _ = np.split(rest, 2)
         in_plane = planar.about(rest)._deflected(along, s, derivative)
         return np.stack([in_plane, self._aside(rest, across, s, derivative)])
+
+    @property
+    def _of_shapes_across(self) -> Any:
+        """The planar model whose coordinates and shapes are those across the plane z = 0."""
+        return self._planar
 
     @abstractmethod
     def _aside(self, rest: Array, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:

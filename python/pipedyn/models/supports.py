@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipedyn.models.scales import SLACK, checked_place, number, repr_of
+from pipedyn.models.scales import SLACK, checked_place, given_fields, number, repr_of
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 
@@ -31,7 +31,7 @@ GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
 0.08."""
 
 
-@saved_as("RootSpring")
+@saved_as("RootSpring", added=("stiffness_across",))
 @dataclass(frozen=True)
 class RootSpring:
     """A hinged root with a rotational spring, between a hinge and a clamp.
@@ -40,14 +40,18 @@ class RootSpring:
         stiffness: k >= 0, in EI / L; the moment at the root is k times the pipe's angle there. The
             value 0 is a hinge, and the limit of infinite k is the clamp. The spring has none of the
             pipe's damping.
+        stiffness_across: of rotation across the plane z = 0, >= 0, in a model in three dimensions;
+            None if it is that of rotation in the plane.
 
-    In `Pipe.from_si`: stiffness in N m/rad.
+    In `Pipe.from_si`: both in N m/rad.
 
     Raises:
         ValueError: for a negative stiffness, NaN or infinity.
         TypeError: for an argument that is not a number.
 
-    Source: energy stiffness * theta(0)^2 / 2.
+    Source: energy stiffness * theta(0)^2 / 2; in three dimensions (stiffness * a_x^2 +
+    stiffness_across * a_z^2) / 2 with the rotation vector (a_x, a_z) of the tangent at the root. In
+    a chain the springs for both directions lie in series with the first joint.
 
     Example:
         >>> import pipedyn as pp
@@ -56,10 +60,16 @@ class RootSpring:
     """
 
     stiffness: float = number(1e9, mass=1, length=3, time=-2)
+    stiffness_across: float | None = number(1e9, mass=1, length=3, time=-2, default=None)
 
     def __post_init__(self) -> None:  # the pipe checks how large it is, as it may be in SI
-        if not check.is_quantity(self.stiffness):  # `Pipe.from_si` converts quantities
-            vars(self).update(stiffness=check.real("stiffness", self.stiffness, low=0.0))
+        for item, value in given_fields(self):
+            if not check.is_quantity(value):  # `Pipe.from_si` converts quantities
+                vars(self)[item.name] = check.real(item.name, value, low=0.0)
+
+    def across(self) -> RootSpring:
+        """The spring whose stiffness along x is that of this one along z."""
+        return self if self.stiffness_across is None else RootSpring(self.stiffness_across)
 
     __repr__ = repr_of
 
@@ -73,9 +83,9 @@ def checked_root(root: Any, given: str = "") -> Root:
     given: text for error messages on the origin of a spring's number.
     """
     if isinstance(root, RootSpring):
-        rule = root.__dataclass_fields__["stiffness"].metadata["range"]
-        check.real(f"root.stiffness{given}", root.stiffness, **rule)
-        return root if root.stiffness > 0.0 else "pinned"
+        for item, value in given_fields(root):
+            check.real(f"root.{item.name}{given}", value, **item.metadata["range"])
+        return root if root.stiffness or root.stiffness_across else "pinned"
     check.instance("root", root, str, '"clamped", "pinned" or a RootSpring')
     return check.choice("root", root, ROOTS)
 

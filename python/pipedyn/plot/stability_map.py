@@ -22,10 +22,13 @@ from pipedyn.plot.bifurcation import A_STEP, draw_pieces, smooth
 from pipedyn.plot.units import FLOW_SPEED, OF_A_NUMBER, PlaneView, Units, View, of_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged
 
 ORGANISING_MARKERS = {
     "Bautin": "D",
     "Hopf-pitchfork": "s",
+    "fold-Hopf": "P",
+    "cusp": "*",
     "double Hopf": "o",
     "Bogdanov-Takens": "^",
     "double divergence": "X",
@@ -35,6 +38,8 @@ ORGANISING_MARKERS = {
 KIND_COLOURS = {
     "flutter": (common.BLACK, common.VERMILION),
     "divergence": (common.BLUE, common.PURPLE),
+    "flutter across": (common.GREEN, common.ORANGE),
+    "divergence across": (common.SKY, common.PURPLE),
 }
 """Colours of curves, and of their subcritical parts, which are dashed."""
 
@@ -91,8 +96,9 @@ def boundary(
         for first, last in common.runs(np.char.add(kinds, others.astype(str))):
             kind, subcritical = str(kinds[first]), bool(kinds[first] == "subcritical")
             beside = OTHERS_UNSTABLE if others[first] and not kind else ""
-            label = ", ".join(word for word in (curve.kind, kind, beside) if word)
-            look: dict[str, Any] = {"color": KIND_COLOURS[curve.kind][subcritical], "label": label}
+            name = curve.kind + " across" * bool(curve.across)
+            label = ", ".join(word for word in (name, kind, beside) if word)
+            look: dict[str, Any] = {"color": KIND_COLOURS[name][subcritical], "label": label}
             dotted = (0, (1.0, 1.5)) if beside else "-"
             look |= {"linestyle": (0, (1.6, 0.8)) if subcritical else dotted}
             look |= {"linewidth": 1.6 if kind else 0.7, "alpha": 0.5 if others[first] else 1.0}
@@ -193,7 +199,7 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
             for first, last in common.runs(seen):
                 k = first + int(np.argmax((top - bottom)[first:last]))
                 at = float(columns[alike[k]]), float(0.5 * (bottom[k] + top[k]))
-                if seen[k] and found.unstable(*at) == 0:
+                if seen[k] and _unstable_at(found, *at) == 0:
                     part = slice(first, last)
                     inside = (rows[:, None] > bottom[part]) & (rows[:, None] < top[part])
                     stable[:, alike[part]] |= inside
@@ -304,8 +310,16 @@ def _stability(found: Boundary) -> str:
     """Stability, in words, of a pipe that has no boundary in the window."""
     if found.failures:
         return "no boundary known"
-    count = found.unstable(*np.mean(found.ranges, axis=1).tolist())
+    count = _unstable_at(found, *np.mean(found.ranges, axis=1).tolist())
     return "unstable" if count else "stable"
+
+
+def _unstable_at(found: Boundary, x: float, y: float) -> int:
+    """Number of unstable roots at a point; 1 where a bent rest has snapped away."""
+    try:
+        return found.unstable(x, y)
+    except NotConverged:
+        return 1
 
 
 def _why_nothing(states: set[str]) -> str:

@@ -48,7 +48,7 @@ class FluttersAcross(UserWarning):
     gravity, a pipe with its jet at the angle 0.5 rad flutters 4 % below it. `Chain`, `Galerkin` and
     `Continuum` made with `dimensions=3` tell where it flutters across the plane. Questions about
     stability of planar models bring the warning: `critical_speed`, `crossings`, `stability_curve`,
-    `critical_speeds`, `relevant`, `trade`, `choose` and `identify`.
+    `critical_speeds`, `boundary`, `relevant`, `trade`, `choose` and `identify`.
 
     `warnings.filterwarnings("ignore", category=pipedyn.FluttersAcross)` silences it.
 
