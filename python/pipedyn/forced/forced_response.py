@@ -44,10 +44,17 @@ from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.rest import at_rest
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
-from pipedyn.models.drive import Force, Harmonic, Pulsation, require_steady, steady_speed
+from pipedyn.models.drive import (
+    Force,
+    Harmonic,
+    Pulsation,
+    checked_periodic_force,
+    require_steady,
+    steady_speed,
+)
 from pipedyn.models.space import SpatialModel
 from pipedyn.motion.simulate import checked_model_in_motion
-from pipedyn.motion.vector_field import Excitation, ForcedField, phase_times
+from pipedyn.motion.vector_field import Excitation, ForcedField
 from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual
 from pipedyn.orbits.floquet import (
     CircleTest,
@@ -440,7 +447,7 @@ def _checked_forcing(
     if force is not None:
         if base is not None:
             raise ValueError("force must not be given where the base moves")
-        return _checked_force(force, dimensions)
+        return checked_periodic_force(force, dimensions)
     if not isinstance(base, Harmonic):
         raise TypeError(
             f"base must be a Harmonic or u a Pulsation, got {check.shown(base)}; or give a force"
@@ -449,31 +456,6 @@ def _checked_forcing(
     if base.amplitude == 0.0:
         raise ValueError("base must move, got an amplitude of 0")
     return base
-
-
-def _checked_force(force: Any, dimensions: int) -> Force:
-    """The force, refused unless it has a frequency, repeats with its phase and acts."""
-    known: Force = check.instance("force", force, Force, "a Force")
-    if known.frequency is None:
-        raise ValueError(
-            "force must have a frequency, which forced_response varies, and a function of the "
-            f"phase, got {check.shown(force)}"
-        )
-    places, times = np.linspace(0.0, 1.0, 9), phase_times(known)
-    period = 2.0 * math.pi / known.frequency
-    values, later = (
-        np.array([known.components(places, t, dimensions) for t in (times + add).tolist()])
-        for add in (0.0, period)
-    )
-    size = float(np.abs(values).max())
-    if size == 0.0:
-        raise ValueError("force must act, got one that is 0 at all times")
-    if (missed := float(np.abs(later - values).max())) > 1e-9 * size:
-        raise ValueError(
-            "force must repeat as its phase grows by 2 pi, got a function whose values then differ "
-            f"by {missed:.1e}"
-        )
-    return known
 
 
 # ----------------------------------------------------------------------------------- beginnings
