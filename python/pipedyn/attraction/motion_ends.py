@@ -430,8 +430,7 @@ class _Engine:
             if not loses_energy(self.model, run.case.drive.mean):
                 continue
             same = [one for one in others if one.case is run.case and run.leader is None]
-            turnings = run.record.turnings
-            alike = (one for one in same if one_distribution(one.record.turnings, turnings))
+            alike = (one for one in same if self.look_alike(one.record, run.record))
             leader = next(alike, None)
             if leader is None:
                 others.append(run)
@@ -439,6 +438,11 @@ class _Engine:
                 run.leader, run.join_time = leader, self.elapsed
                 joining.append(run)
         return joining
+
+    def look_alike(self, one: Stretch, other: Stretch) -> bool:
+        """Whether turning points, and in space turns about the axis, may have one distribution."""
+        turn = self.model.dimensions == 2 or one_distribution(one.turns, other.turns)
+        return turn and one_distribution(one.turnings, other.turnings)
 
     def finish(self, every: list[_Run]) -> None:
         """Follows motions until they end."""
