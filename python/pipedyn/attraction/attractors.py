@@ -282,7 +282,7 @@ def attractors(
     directions, and base and force act along its axis, motions that differ by a turn about the axis
     end on the same attractor. A base that moves across the axis in one plane, or such a force,
     leaves no turn but one mirror: that plane in a pipe that is the same in all directions, and in
-    others z = 0, if the base moves in it. Otherwise there are no mirror images.
+    others z = 0, if the base moves in it or along z. Otherwise there are no mirror images.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom. Its free end must move.
@@ -349,9 +349,9 @@ def attractors(
     order = np.argsort([-share.count for share in shares], kind="stable").tolist()
     order = [k for k in order if shares[k].count]
     some = [case.solutions[k] for k in order]
-    basins = []
+    basins, shifts = [], flat.shifts(model)
     for k, one in zip(order, some, strict=True):
-        images = (j for j, other in enumerate(some) if one.is_mirror_image(other, case.shifts))
+        images = (j for j, other in enumerate(some) if one.is_mirror_image(other, shifts))
         image = next(images, -1) if case.odd else -1
         start = int(np.argmax(ends == k))
         end = _turned_end(model, drive, one.attractor, azimuth)

@@ -208,13 +208,7 @@ class Case:
     @cached_property
     def odd(self) -> bool:
         """Whether the mirror image of every motion is a motion; in space from z to -z."""
-        in_space = self.model.dimensions == 3
-        return self.motion.mirrored_in_z if in_space else self.drive.is_odd(self.model)
-
-    @property
-    def shifts(self) -> bool:
-        """Whether the mirrored motion is half a period later."""
-        return self.model.dimensions == 2 and self.drive.shifts
+        return self.drive.is_odd(self.model)
 
     @property
     def attracting(self) -> list[int]:
@@ -234,7 +228,7 @@ class Case:
 
         If a known solution holds its last state, the number is that of the known one.
         """
-        shifts, numbers = self.shifts, list[int]()
+        shifts, numbers = self.drive.shifts(self.model), list[int]()
         images = [one]
         if self.odd and not one.is_mirror_image(one, shifts):
             images.append(one.mirrored(shifts))

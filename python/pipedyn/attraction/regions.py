@@ -89,11 +89,11 @@ class Region:
             `Excitation.phases` appended, so that states at other phases are far away.
         unit: time by which rates are multiplied: the inverse of the attractor's angular frequency.
         period: period of motions on the attractor or, at rest, about it.
+        signs: signs of the entries of p in the mirror image of a motion, (integrated,).
         radius: radius of the region, root mean square of p.
         turn: change of p in a whole turn about a hinge at the root, (integrated,), which changes
             nothing.
         axisymmetric: whether a turn of states about the axis of the pipe changes nothing.
-        signs: signs of the entries of p in the mirror image of a motion, (integrated,).
         driven: whether `points` contain phases of the drive.
         rates: first and second derivatives in time at the points, (2, M, 2 integrated), if these
             follow one another on a curve; else None.
@@ -104,10 +104,10 @@ class Region:
     points: Array
     unit: float
     period: float
+    signs: Array
     radius: float = LARGEST_RADIUS
     turn: Array | None = None
     axisymmetric: bool = False
-    signs: Array | None = None
     driven: bool = False
     rates: Array | None = None
     floquet: FloquetCoordinates | None = None
@@ -236,9 +236,8 @@ class Region:
 
     def mirrored(self, shifts: bool = False) -> Region:
         """The region of the mirror image; it is half a period later if `shifts` is true."""
-        of_p = -np.ones(self.half) if self.signs is None else self.signs
         of_phases = np.full(2 * self.driven, -1.0 if shifts else 1.0)
-        signs = np.concatenate([of_p, of_p, of_phases])
+        signs = np.concatenate([self.signs, self.signs, of_phases])
         rates = None if self.rates is None else signs * self.rates
         floquet = self.floquet
         if floquet is not None:

@@ -121,22 +121,16 @@ class Solution:
         shifts: whether the drive becomes its own mirror image half a period later.
         """
         one, region, orbit = self.attractor, self.region.mirrored(shifts), self.orbit
-        if region.signs is not None:  # in three dimensions from z to -z
-            signs = np.tile(region.signs, 2)
-            if orbit is not None:
-                orbit = replace(
-                    orbit, starts=signs * orbit.starts, rates=region.signs * orbit.rates
-                )
-            return replace(
-                self, attractor=replace(one, end=signs * one.end), region=region, orbit=orbit
-            )
-        end = -one.end
+        signs = np.tile(region.signs, 2)
+        end, turnings = signs * one.end, one.turnings
+        if not (region.signs > 0.0).any():  # in three dimensions the image is from z to -z
+            turnings = -turnings
         if shifts:  # state at the beginning of a period of the drive
             end = region.points[np.argmax(region.points[:, -2]), : end.size].copy()
             orbit = None
         elif orbit is not None:
-            orbit = replace(orbit, starts=-orbit.starts, rates=-orbit.rates)
-        image = replace(one, end=end, turnings=-one.turnings)
+            orbit = replace(orbit, starts=signs * orbit.starts, rates=region.signs * orbit.rates)
+        image = replace(one, end=end, turnings=turnings)
         return replace(self, attractor=image, region=region, orbit=orbit)
 
 
@@ -170,7 +164,7 @@ def symmetries(motion: VectorField) -> dict[str, Any]:
     """Changes of a state that change no motion, as arguments of `Region`."""
     model = motion.model
     if model.dimensions == 2:
-        return {"turn": Statics(model).whole_turn}
+        return {"turn": Statics(model).whole_turn, "signs": -np.ones(motion.half)}
     signs = model.from_plane(np.ones(model.planar.integrated))
     return {"axisymmetric": motion.axisymmetric, "signs": 2.0 * signs - 1.0}
 

@@ -342,20 +342,24 @@ class Excitation:
         return ForcedField(model, forcing, order) if forcing else VectorField(model)
 
     def is_odd(self, model: Model) -> bool:
-        """Whether the mirror image of every motion is a motion, half a period later if `shifts`."""
-        if self.shifts and isinstance(self.u, Pulsation):  # the flow differs half a period later
-            return False
-        if self.force is not None and not self.shifts:
-            return False
-        if self.base is not None and self.base.across and self.base.vector[1]:
-            return False
-        return VectorField(model).is_odd(self.mean)
+        """Whether the mirror image of every motion is a motion, half a period later if `shifts`.
 
-    @property
-    def shifts(self) -> bool:
+        In three dimensions it is the image from z to -z.
+        """
+        shifts, in_space = self.shifts(model), model.dimensions == 3
+        moves = np.zeros(3) if self.base is None else self.base.vector
+        otherwise = np.delete(moves, 2 if in_space else 0).any()
+        if shifts and (otherwise or isinstance(self.u, Pulsation)):
+            return False  # half a period later flow or base differ
+        if in_space:
+            return shifts or self.field(model).mirrored_in_z
+        return (shifts or self.force is None) and VectorField(model).is_odd(self.mean)
+
+    def shifts(self, model: Model) -> bool:
         """Whether the mirrored motion is half a period later, as for a base that moves across."""
-        across = self.base is not None and self.base.across
-        return across or (self.force is not None and self.force.function is None)
+        if self.base is not None:
+            return bool(self.base.vector[2 if model.dimensions == 3 else 0])
+        return model.dimensions == 2 and self.force is not None and self.force.function is None
 
     def whole(self, time: float) -> float:
         """The time, rounded up to whole periods of the excitation."""
