@@ -1833,7 +1833,7 @@ def _refusal(error: Exception, target: Target, spoiled: list[str]) -> str | None
 
 
 UNKNOWN = {"onset", "residuals", "errors", "_continuous", "discretisation", "width", "edges"}
-UNKNOWN |= {"threshold", "threshold_frequency", "lyapunov"}
+UNKNOWN |= {"threshold", "threshold_frequency", "lyapunov", "exponent"}
 """Fields that may be NaN or infinite."""
 
 

@@ -107,17 +107,16 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
             the free end moves farthest.
         exponent: largest Lyapunov exponent in 1 / T: at rest the largest real part of an
             eigenvalue, and on a cycle 0, as its phase is neutral; measured for irregular motions,
-            NaN if not asked for. NaN for rest and cycles if the flow pulsates or the base
-            oscillates.
+            NaN if not asked for. NaN for rest and cycles of driven motions.
         mirror_image: index of the basin that is its mirror image, its own index if it is symmetric;
-            -1 if the pipe has no mirror symmetry or no start ends there.
+            -1 if motions have no mirror images or no start ends there.
         frequencies: angular frequencies of the spectrum, in 1 / T, shape (F,); empty at rest.
         spectrum: amplitude of the free end's transverse motion at each frequency, in L, shape (F,):
             the amplitudes of a cycle's harmonics; for irregular motions through Hann's window.
         section: Poincare section: states [q, q'] on the attractor where the free end is at a
             maximum of its transverse position, in order, shape (K, 2 coordinates); empty at rest.
-            If the flow pulsates or the base oscillates, the stroboscopic section: the states at the
-            beginning of each period of the drive.
+            Of driven motions it is the stroboscopic section: the states at the beginning of each
+            period of the drive.
         motion: recorded motion on it: 16 periods of a cycle, or 48 periods of the drive.
     """
 
@@ -321,6 +320,14 @@ def attractors(
         >>> found = pp.attractors(chain, 4.0, 10)
         >>> found.basins[0].ending, found.basins[0].share.value
         ('periodic', 1.0)
+
+        A hose that is shaken in a plane ends on one of two whirls, which are mirror images:
+
+        >>> hose = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.001), 3, dimensions=3)
+        >>> shaken = pp.Harmonic(0.01, 5.15)
+        >>> found = pp.attractors(hose, 0.1, 4, base=shaken, transient=400.0)
+        >>> [(basin.period == shaken.period, basin.mirror_image) for basin in found.basins]
+        [(True, 1), (True, 0)]
     """
     model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="attractors")
     given_in = InputUnits(units, model.pipe)
