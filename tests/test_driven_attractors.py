@@ -105,6 +105,18 @@ def test_drives_in_another_plane_have_turned_attractors():
         np.testing.assert_allclose(other.section, section, atol=1e-7)
 
 
+def test_a_motion_that_stops_is_shown_as_it_was_started_in_any_plane():
+    start = np.append(starts_of(SLACK)[0], 1e3 * np.array([1.0, -1.0, 1.0, -2.0, 1.0, 1.0]))
+    base = pp.Harmonic(0.01, SHAKEN, (3.0, 0.0, -4.0))
+    found = pp.attractors(SLACK, 0.1, [start], base=base)
+    (failure,) = found.failures
+    motion = failure.error.motion
+    np.testing.assert_allclose(motion.y[:, 0], start, atol=1e-9)
+    assert motion.base == base
+    again = pp.simulate(SLACK, 0.1, motion.t[1], *np.split(start, 2), base=base, samples=2)
+    np.testing.assert_allclose(motion.y[:, 1], again.y[:, 1], rtol=1e-3)
+
+
 def test_a_base_along_z_makes_motions_that_are_their_own_images_half_a_period_later():
     (basin,) = pp.attractors(LEVEL, 2.0, 3, base=pp.Harmonic(0.02, 5.0, "z"), **LONG).basins
     assert basin.mirror_image == 0
