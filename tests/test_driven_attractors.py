@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
+from pipedyn import plot
 
 SLACK = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.001), 3, dimensions=3)
 LEVEL = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.004, inclination=1.2), 4, dimensions=3)
@@ -18,6 +19,7 @@ UNEVEN = pp.Chain(
 FLUTTERING = pp.Chain(pp.Pipe(0.1, 10.0, damping=0.001), 3, dimensions=3)
 WHIRLING = pp.Chain(pp.Pipe(0.2), 4, dimensions=3)
 MEAN = 0.98 * pp.critical_speed(FLUTTERING.planar).speed
+PUSH = pp.Force(None, 0.5, 3.0)
 SHAKEN, LONG = 5.15, {"transient": 400.0, "duration": 60.0}
 
 
@@ -207,6 +209,13 @@ def test_a_force_leads_a_planar_pipe_to_its_forced_motion():
     assert (basin.attracts, basin.mirror_image) == (True, 0)
 
 
+def test_the_section_of_a_forced_motion_is_said_to_be_stroboscopic():
+    found = pp.attractors(pp.Chain(pp.Pipe(0.2, damping=0.01), 2), 2.0, 2, force=PUSH)
+    assert found.basins[0].drive_period == pytest.approx(2.0 * math.pi / 3.0)
+    for one in (found, found.basins[0]):
+        assert "once a period of the drive" in plot.poincare_section(one).get_title()
+
+
 def test_attractors_of_a_forced_motion_are_kept_by_files(tmp_path):
     push = pp.Force(None, 0.7, 9.0, 0.3)
     found = pp.attractors(UNEVEN, 1.0, 2, force=push)
@@ -214,9 +223,6 @@ def test_attractors_of_a_forced_motion_are_kept_by_files(tmp_path):
     back = pp.load(tmp_path / "found.npz")
     assert back.force == push
     np.testing.assert_array_equal(back.basins[0].section, found.basins[0].section)
-
-
-PUSH = pp.Force(None, 0.5, 3.0)
 
 
 @pytest.mark.parametrize(

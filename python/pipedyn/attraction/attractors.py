@@ -50,7 +50,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import zeros_between
-from pipedyn.util.result import LENGTH, RATE, Result, TableResult, Units
+from pipedyn.util.result import LENGTH, RATE, TIME, Result, TableResult, Units
 
 PILOTS, GROUP = BATCH, 128
 """Number of starts that are followed first, in one batch, and of those that afterwards share what
@@ -88,8 +88,8 @@ class Share(Result):
     error: float
 
 
-@saved_as("Basin")
-class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
+@saved_as("Basin", added=("drive_period",))
+class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH, "drive_period": TIME}):
     """An attractor, and the starts that end on it.
 
     Attributes:
@@ -118,6 +118,7 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
             Of driven motions it is the stroboscopic section: the states at the beginning of each
             period of the drive.
         motion: recorded motion on it: 16 periods of a cycle, or 48 periods of the drive.
+        drive_period: period in T of what drives the motion; 0 if all is steady.
     """
 
     attractor: Attractor
@@ -131,6 +132,7 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
     spectrum: Array = field(repr=False)
     section: Array = field(repr=False)
     motion: Motion = field(repr=False)
+    drive_period: float = field(default=0.0, repr=False)
 
     @property
     def ending(self) -> str:
@@ -618,6 +620,7 @@ def _basin(
         spectrum=spectrum,
         section=points,
         motion=motion,
+        drive_period=drive.period,
     )
 
 
