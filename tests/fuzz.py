@@ -1340,6 +1340,7 @@ def _motions() -> Iterator[Target]:
         u=Kind(one_of(1.0, 2.0), SLOW.bad),
         starts=Kind(own, any_of(array((2, 6), (-0.1, 0.1), (1e7,)).bad, listed(0, -1, 2.5))),
         base=Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(3, NAN, [], PUMP))),
+        force=Kind(one_of(None, PUSH), NO_FORCE),
         transient=real((10.0, 20.0), -1.0, 1e300),
         duration=real((1.0, 2.0), 0.0, 1e300),
         rtol=real((1e-6, 1e-4), 0.0, 1.0),
@@ -1363,6 +1364,7 @@ def _motions() -> Iterator[Target]:
         **in_space,
         u=Kind(one_of(1.0, 2.0), SLOW.bad),
         starts=Kind(count(1, 3).good, one_of(0, -1, 2.5, [[0.1] * 5])),
+        base=Kind(one_of(None, SHAKER, ASTIR, pp.Harmonic(0.01, 25.0, "z")), one_of(3, PUMP)),
         transient=real((10.0, 20.0), -1.0, 1e300),
         duration=real((1.0, 2.0), 0.0, 1e300),
     )
@@ -1835,7 +1837,7 @@ def _refusal(error: Exception, target: Target, spoiled: list[str]) -> str | None
 
 
 UNKNOWN = {"onset", "residuals", "errors", "_continuous", "discretisation", "width", "edges"}
-UNKNOWN |= {"threshold", "threshold_frequency", "lyapunov"}
+UNKNOWN |= {"threshold", "threshold_frequency", "lyapunov", "exponent"}
 """Fields that may be NaN or infinite."""
 
 

@@ -360,6 +360,9 @@ def test_questions_about_the_stability_of_a_sagging_pipe_in_a_plane_tell_of_the_
         lambda: pp.crossings(chain, 5.0),
         lambda: pp.critical_speeds(chain, {"beta": [0.2]}),
         lambda: pp.stability_curve(lambda _: chain, [1.0]),
+        lambda: pp.stability_curve(lambda _: chain, [1.0], max_speed=1.0),
+        lambda: pp.hopf(chain),
+        lambda: pp.criticality_curve(lambda _: chain, [1.0]),
         lambda: pp.trade(pipe, "critical_speed", sizes=[3], families=["legendre"], repeats=1),
         lambda: pp.choose(pipe, "critical_speed", tolerance=0.1, among="legendre"),
         lambda: pp.relevant(pipe, 1.0, tolerance=0.5),
@@ -369,6 +372,21 @@ def test_questions_about_the_stability_of_a_sagging_pipe_in_a_plane_tell_of_the_
         ) as seen:
             ask()
         assert [one.filename for one in seen] == [__file__]
+
+
+@pytest.mark.parametrize("load", [pp.Load(1.0, (0.0, 1.0)), pp.DistributedLoad((0.0, 1.0))])
+def test_only_the_part_of_a_load_across_the_pipe_bends_it_and_is_told(load):
+    chain, name = pp.Chain(pp.Pipe(0.2, terms=[load]), 3), type(load).__name__
+    along = pp.critical_speeds(chain, {f"{name}.force_y": [0.0, 2.0]})
+    with pytest.warns(pp.FluttersAcross, match="rests bent") as seen:
+        across = pp.critical_speeds(chain, {f"{name}.force_x": [0.0, 2.0]})
+    assert [one.filename for one in seen] == [__file__]
+    assert across.speeds[0] == pytest.approx(pp.critical_speed(chain).speed)
+    in_both = pp.Chain(chain.pipe, 3, dimensions=3)
+    true = pp.critical_speeds(in_both, {f"{name}.force_x": [0.0, 2.0]})
+    assert true.across.tolist() == [False, True]
+    assert true.speeds[1] < across.speeds[1]
+    assert not along.failures
 
 
 def test_a_level_hose_is_identified_by_its_motions_across_the_plane_of_sag():

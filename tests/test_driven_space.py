@@ -594,10 +594,89 @@ def test_the_mirror_image_of_a_shaken_motion_in_space_is_at_the_same_time(direct
     shaken = pp.Harmonic(0.05, 5.0, direction)
     case = Case(chain, Excitation(1.0, shaken))
     assert case.odd == odd
-    assert not case.shifts
     signs, start = np.array([1.0, 1.0, -1.0, -1.0]), np.array([0.1, 0.2, 0.1, -0.1])
     one, other = (
         pp.simulate(chain, 1.0, 3.0, begin, base=shaken, rtol=1e-9)
         for begin in (start, signs * start)
     )
     assert np.allclose(signs * one.q, other.q, atol=1e-6) == odd
+
+
+def unlike(along, across):
+    """A pipe whose spring differs in x and z."""
+    spring = pp.Spring(1.0, along, stiffness_across=across)
+    return pp.Chain(pp.Pipe(0.2, 10.0, damping=0.001, terms=[spring]), 2, dimensions=3)
+
+
+def motion_repeats(motion, base):
+    """Whether a simulation comes back after the period of a forced motion."""
+    again = pp.simulate(
+        *(motion.model, motion.u, motion.period, motion.q[0], motion.qdot[0]),
+        **{"base": base, "rtol": 1e-10, "atol": 1e-12, "samples": 2},
+    )
+    return np.abs(again.q[-1] - motion.q[0]).max() < 1e-6
+
+
+def test_shaking_along_z_is_shaking_along_x_of_the_pipe_turned():
+    near = {"frequencies": (5.0, 5.2)}
+    found, turned = (
+        pp.forced_response(model, 0.1, base=pp.Harmonic(0.01, 5.0, way), **near)
+        for model, way in ((unlike(0.3, 0.2), "x"), (unlike(0.2, 0.3), "z"))
+    )
+    assert [one.kind for one in turned.branches] == ["base", "out of plane"]
+    for one, other in zip(found.branches, turned.branches, strict=True):
+        for first, second in zip(one.events, other.events, strict=True):
+            assert (first.kind, first.across) == (second.kind, second.across)
+            assert first.frequency == pytest.approx(second.frequency, rel=1e-6)
+    ours, theirs = found.at(5.1), turned.at(5.1)
+    assert len(ours) == len(theirs) == 2
+    for one, other in zip(ours, theirs, strict=True):
+        assert one.amplitude == pytest.approx(other.amplitude, rel=1e-6)
+        assert one.stable == other.stable
+        assert (one.across is None) == (other.across is None)
+        np.testing.assert_allclose(np.abs(one.q[:, :2]), np.abs(other.q[:, 2:]), atol=1e-5)
+        assert motion_repeats(other, pp.Harmonic(0.01, 5.1, "z"))
+
+
+def test_motions_leave_either_plane_of_an_uneven_pipe_shaken_along_its_axis_and_join_the_other():
+    model = unlike(0.3, 0.2)
+    w = 2.0 * pp.eigenvalues(model.planar, 0.1, 1)[0].imag
+    base = pp.Harmonic(0.025, w, "y")
+    found = pp.forced_response(model, 0.1, base=base, frequencies=(0.95 * w, 1.05 * w))
+    assert not found.failures
+    leaving = [
+        event.frequency
+        for branch in found.branches
+        if branch.kind == "subharmonic"
+        for event in branch.events
+        if event.across
+    ]
+    away = [branch for branch in found.branches if branch.kind == "out of plane"]
+    assert len(away) >= 4
+    met = [branch.frequency[-1] for branch in away if branch.amplitude_across[-1] == 0.0]
+    assert len(met) >= 2
+    assert max(min(abs(one - event) for event in leaving) for one in met) < 1e-3
+    begun = [min(leaving, key=lambda event: abs(event - one.frequency[0])) for one in away]
+    assert len(set(begun)) == len(begun)  # none is followed from both of its ends
+    there = found.at(9.1)
+    assert any(motion.amplitude_across > 0.05 for motion in there)
+    for motion in there:
+        assert motion_repeats(motion, replace(base, frequency=9.1))
+
+
+def test_motions_in_no_plane_have_offshoots_of_twice_their_period():
+    """Oblique shaking at twice the frequency of small motions across the plane of sag."""
+    model = pp.Chain(pp.Pipe(0.2, 10.0, inclination=1.2, damping=0.001), 2, dimensions=3)
+    base = pp.Harmonic(0.05, 9.5, (1.0, 0.0, 0.1))
+    found = pp.forced_response(model, 0.1, base=base, frequencies=(9.3, 9.9))
+    first, *others = found.branches
+    (event,) = (one for one in first.events if one.kind == "period doubling")
+    (offshoot,) = others
+    assert (first.kind, offshoot.kind) == ("base", "offshoot")
+    assert offshoot.frequency[0] == pytest.approx(event.frequency, rel=1e-9)
+    (one,) = (motion for motion in found.at(9.6) if motion.period > 1.0)
+    assert one.period == pytest.approx(4.0 * math.pi / 9.6)
+    assert one.amplitude_across > 0.01
+    assert motion_repeats(one, replace(base, frequency=9.6))
+    half = one.t.size // 2
+    assert np.abs(one.q[half] - one.q[0]).max() > 0.05

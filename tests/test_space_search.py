@@ -168,12 +168,6 @@ def test_the_onset_across_the_plane_of_a_load_has_the_law_of_its_cycles():
     assert np.abs(cycle.others - 1.0).min() > 1e-4  # no circle of cycles
 
 
-def test_attractors_of_driven_motions_in_space_are_refused():
-    for given in ({"u": pp.Pulsation(5.0, 0.1, 10.0)}, {"u": 5.0, "base": pp.Harmonic(0.1, 9.0)}):
-        with pytest.raises(ValueError, match="model must move in a plane if the flow pulsates"):
-            pp.attractors(WHIRLING, starts=2, **given)
-
-
 # -------------------------------------------------------------------------------------- diagrams
 
 

@@ -23,13 +23,23 @@ from pipedyn.attraction.regions import NOWHERE, STOPPED
 from pipedyn.attraction.solutions import Solution, equilibria_near, with_separate_regions
 from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
 from pipedyn.models.base import Model, loses_energy
-from pipedyn.models.drive import LARGEST_SPEED, Harmonic, InputUnits, Pulsation, Supply
+from pipedyn.models.drive import (
+    LARGEST_SPEED,
+    Force,
+    Harmonic,
+    InputUnits,
+    Pulsation,
+    Supply,
+    checked_periodic_force,
+)
+from pipedyn.models.space import SpatialModel
 from pipedyn.motion.sampling import farthest_direction, turning_points
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_ENSEMBLE,
     LARGEST_SAMPLES,
     Motion,
+    MotionStopped,
     checked_model_in_motion,
     initial_bends,
     simulate,
@@ -40,7 +50,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import zeros_between
-from pipedyn.util.result import LENGTH, RATE, Result, TableResult, Units
+from pipedyn.util.result import LENGTH, RATE, TIME, Result, TableResult, Units
 
 PILOTS, GROUP = BATCH, 128
 """Number of starts that are followed first, in one batch, and of those that afterwards share what
@@ -78,8 +88,8 @@ class Share(Result):
     error: float
 
 
-@saved_as("Basin")
-class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
+@saved_as("Basin", added=("drive_period",))
+class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH, "drive_period": TIME}):
     """An attractor, and the starts that end on it.
 
     Attributes:
@@ -97,18 +107,18 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
             the free end moves farthest.
         exponent: largest Lyapunov exponent in 1 / T: at rest the largest real part of an
             eigenvalue, and on a cycle 0, as its phase is neutral; measured for irregular motions,
-            NaN if not asked for. NaN for rest and cycles if the flow pulsates or the base
-            oscillates.
+            NaN if not asked for. NaN for rest and cycles of driven motions.
         mirror_image: index of the basin that is its mirror image, its own index if it is symmetric;
-            -1 if the pipe has no mirror symmetry or no start ends there.
+            -1 if motions have no mirror images or no start ends there.
         frequencies: angular frequencies of the spectrum, in 1 / T, shape (F,); empty at rest.
         spectrum: amplitude of the free end's transverse motion at each frequency, in L, shape (F,):
             the amplitudes of a cycle's harmonics; for irregular motions through Hann's window.
         section: Poincare section: states [q, q'] on the attractor where the free end is at a
             maximum of its transverse position, in order, shape (K, 2 coordinates); empty at rest.
-            If the flow pulsates or the base oscillates, the stroboscopic section: the states at the
-            beginning of each period of the drive.
+            Of driven motions it is the stroboscopic section: the states at the beginning of each
+            period of the drive.
         motion: recorded motion on it: 16 periods of a cycle, or 48 periods of the drive.
+        drive_period: period in T of what drives the motion; 0 if all is steady.
     """
 
     attractor: Attractor
@@ -122,6 +132,7 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
     spectrum: Array = field(repr=False)
     section: Array = field(repr=False)
     motion: Motion = field(repr=False)
+    drive_period: float = field(default=0.0, repr=False)
 
     @property
     def ending(self) -> str:
@@ -186,7 +197,7 @@ class StartFailure(Result):
     error: Exception
 
 
-@saved_as("Attractors", added=("unsettled_motions",))
+@saved_as("Attractors", added=("unsettled_motions", "force"))
 class Attractors(TableResult, units={"exponent": RATE}):
     """Attractors of the motions from many starts, at one flow speed.
 
@@ -204,6 +215,7 @@ class Attractors(TableResult, units={"exponent": RATE}):
         base: motion of the base, as given.
         unsettled_motions: the unsettled motions, each with its `reason`, as many as `unsettled`
             counts.
+        force: the force, as given.
 
     Example:
         >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 8)
@@ -222,6 +234,7 @@ class Attractors(TableResult, units={"exponent": RATE}):
     plane: StartPlane | None = field(default=None, repr=False)
     base: Harmonic | None = None
     unsettled_motions: tuple[Attractor, ...] = field(default=(), repr=False)
+    force: Force | None = None
 
     def __len__(self) -> int:
         return len(self.basins)
@@ -241,6 +254,7 @@ def attractors(
     starts: int | ArrayLike | StartPlane = 200,
     *,
     base: Harmonic | None = None,
+    force: Force | None = None,
     transient: float = 60.0,
     duration: float = 40.0,
     exponents: bool = True,
@@ -262,8 +276,14 @@ def attractors(
     reason. A motion and its mirror image, x to -x, end on two attractors, unless these are the
     same.
 
-    If the flow pulsates or the base oscillates, motions begin with a period of the drive, and
-    states are compared at the same phase.
+    If the flow pulsates, the base oscillates or a force acts, motions begin with a period of the
+    drive, and states are compared at the same phase.
+
+    In three dimensions mirror images are those from z to -z. If the pipe is the same in all
+    directions, and base and force act along its axis, motions that differ by a turn about the axis
+    end on the same attractor. A base that moves across the axis in one plane, or such a force,
+    leaves no turn but one mirror: that plane in a pipe that is the same in all directions, and in
+    others z = 0, if the base moves in it or along z. Otherwise there are no mirror images.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom. Its free end must move.
@@ -274,6 +294,8 @@ def attractors(
             q'], shape (N, 2 coordinates), or coordinates at rest, (N, coordinates); or a
             `StartPlane`.
         base: motion of the base, with the frequency of a pulsating flow; None if it is at rest.
+        force: a `Force` with a frequency, in a steady flow and with the base at rest; None if none
+            acts.
         transient: time in T after which a motion that has not ended is recorded.
         duration: time in T over which it is recorded; a motion that still comes nearer to a
             solution is followed for up to eight times the sum of both times.
@@ -285,8 +307,8 @@ def attractors(
             threads of this process. Motions fail if it does not return their batch, because a
             worker died or it is broken or shut down.
         units: "si" if u is given in m/s, transient and duration in s, and the pipe has scales;
-            times not given keep their values in T. A pulsation and a base must then come from
-            `Pulsation.from_si` and `Harmonic.from_si`.
+            times not given keep their values in T. A pulsation, a base and a force must then come
+            from `Pulsation.from_si`, `Harmonic.from_si` and `Force.from_si`.
         progress: show progress on stderr.
 
     Returns:
@@ -300,6 +322,14 @@ def attractors(
         >>> found = pp.attractors(chain, 4.0, 10)
         >>> found.basins[0].ending, found.basins[0].share.value
         ('periodic', 1.0)
+
+        A hose that is shaken in a plane ends on one of two whirls, which are mirror images:
+
+        >>> hose = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.001), 3, dimensions=3)
+        >>> shaken = pp.Harmonic(0.01, 5.15)
+        >>> found = pp.attractors(hose, 0.1, 4, base=shaken, transient=400.0)
+        >>> [(round(one.period / shaken.period, 6), one.mirror_image) for one in found.basins]
+        [(1.0, 1), (1.0, 0)]
     """
     model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="attractors")
     given_in = InputUnits(units, model.pipe)
@@ -307,7 +337,7 @@ def attractors(
         u = given_in.speed("u", u)
     transient, duration = given_in.times(attractors, transient=transient, duration=duration)
     with given_in.explained():
-        drive = _checked_drive(model, u, given_in.base(base))
+        drive = _checked_drive(model, u, given_in.base(base), given_in.force(force))
         check.real("transient", transient, low=FIRST_LOOK, high=1e6)
         options = MotionOptions.checked(
             transient, duration, rtol, exponents, seed, executor, progress
@@ -319,23 +349,28 @@ def attractors(
     plane = starts if isinstance(starts, StartPlane) else None
     _require_moving_end(model)
     given = _given_starts(model, starts, options.seed)
-    case = _case(model, drive, given, options)
+    # Motions of a pipe that is driven in one plane are computed turned into the plane z = 0.
+    flat, azimuth = drive.in_plane() if model.axisymmetric else (drive, 0.0)
+    case = _case(model, flat, given, options, azimuth)
     every = [case.ends[i] for i in range(len(given))]
     ends = np.array([number for number, _ in every])
     shares = [_share(ends, k) for k in range(len(case.solutions))]
     order = np.argsort([-share.count for share in shares], kind="stable").tolist()
     order = [k for k in order if shares[k].count]
     some = [case.solutions[k] for k in order]
-    basins = []
+    basins, shifts = [], flat.shifts(model)
     for k, one in zip(order, some, strict=True):
-        images = (j for j, other in enumerate(some) if one.is_mirror_image(other, case.shifts))
+        images = (j for j, other in enumerate(some) if one.is_mirror_image(other, shifts))
         image = next(images, -1) if case.odd else -1
         start = int(np.argmax(ends == k))
-        basins.append(_basin(model, drive, options, one, shares[k], start, image))
+        end = _turned_end(model, drive, one.attractor, azimuth)
+        one = replace(one, attractor=replace(end, start=start))
+        basins.append(_basin(model, drive, options, one, shares[k], image))
     places = np.append(np.zeros(len(shares), dtype=int), [STOPPED, NOWHERE])
     places[order] = np.arange(len(order))
-    failed = [(i, end) for i, (_, end) in enumerate(every) if isinstance(end, Exception)]
-    unsettled = [end for _, end in every if isinstance(end, Attractor) and end.reason]
+    all_ends = [_turned_end(model, drive, end, azimuth) for _, end in every]
+    failed = [(i, end) for i, end in enumerate(all_ends) if isinstance(end, Exception)]
+    unsettled = [end for end in all_ends if isinstance(end, Attractor) and end.reason]
     return Attractors(
         u=drive.u,
         base=drive.base,
@@ -348,11 +383,33 @@ def attractors(
         model=model,
         plane=plane,
         unsettled_motions=tuple(unsettled),
+        force=drive.force,
     )
 
 
-def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
-    """The drive that `u` and `base` describe; refuses drives with which no motion ends."""
+def _turned(model: Model, states: Array, angle: float) -> Array:
+    """States [q, q'], (..., 2 coordinates), turned about the axis from x towards z."""
+    if not (angle and isinstance(model, SpatialModel)):
+        return states
+    return np.ascontiguousarray(model.turned(states.T, angle).T)
+
+
+def _turned_end(model: Model, drive: Excitation, end: Any, angle: float) -> Any:
+    """The end of a motion, an attractor or an exception, turned about the axis.
+
+    drive: what drives the turned motion.
+    """
+    if isinstance(end, Attractor):
+        return replace(end, end=_turned(model, end.end, angle))
+    if isinstance(end, MotionStopped):
+        q, qdot = np.split(_turned(model, end.motion.y.T, angle), 2, axis=1)
+        motion = replace(end.motion, q=q, qdot=qdot, tip=model.tips(q.T), base=drive.base)
+        return MotionStopped(str(end), motion)
+    return end
+
+
+def _checked_drive(model: Model, u: Any, base: Any, forces: tuple[Force, ...]) -> Excitation:
+    """The drive that the arguments describe; refuses drives with which no motion ends."""
     if isinstance(u, Supply) or (callable(u) and not isinstance(u, Pulsation)):
         rule = "u must be a flow speed or a Pulsation"
         raise TypeError(
@@ -362,14 +419,15 @@ def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
         raise TypeError(
             f"base must be a Harmonic, which has a period, or None, got {check.shown(base)}"
         )
-    if model.dimensions == 3 and (base is not None or isinstance(u, Pulsation)):
-        raise ValueError(
-            "model must move in a plane if the flow pulsates or the base moves, where each end of "
-            f"driven motions in three dimensions is not told apart from its turns, got {model!r}"
-        )
     if base is not None:
         model.require_base()
         base.require_dimensions(model.dimensions)
+    if len(forces) > 1 or (forces and (base is not None or isinstance(u, Pulsation))):
+        raise ValueError(
+            "force must be one, where the flow is steady and the base at rest, got "
+            f"{check.shown(forces)}"
+        )
+    force = next((checked_periodic_force(one, model.dimensions) for one in forces), None)
     if isinstance(u, Pulsation):
         if base is not None and base.frequency != u.frequency:
             raise ValueError(
@@ -383,7 +441,7 @@ def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
             "u must be > 0 for a pipe without damping and drag, got 0: nothing takes energy from "
             "its motions, so that they end nowhere"
         )
-    return Excitation(u, base)
+    return Excitation(u, base, force)
 
 
 def _given_starts(model: Model, starts: Any, seed: int) -> Array:
@@ -448,12 +506,15 @@ def _require_moving_end(model: Model) -> None:
 # --------------------------------------------------------------------------------------- the search
 
 
-def _case(model: Model, drive: Excitation, starts: Array, options: MotionOptions) -> Case:
-    """The case of the motions from states [q, q'], with their ends."""
+def _case(
+    model: Model, drive: Excitation, starts: Array, options: MotionOptions, azimuth: float
+) -> Case:
+    """The case of motions from states [q, q'], with their ends, turned back by an azimuth."""
     case = Case(model, drive, _stable_equilibria(model, drive))
     for i, start in enumerate(starts):
         try:
-            case.starts[i] = np.asarray(model.initial_state(*np.split(start, 2)))
+            begun = np.asarray(model.initial_state(*np.split(start, 2)))
+            case.starts[i] = _turned(model, begun, -azimuth)
         except PipedynError as error:
             case.ends[i] = STOPPED, error
         except ValueError as error:
@@ -503,7 +564,6 @@ def _basin(
     options: MotionOptions,
     one: Solution,
     share: Share,
-    start: int,
     image: int,
 ) -> Basin:
     """The basin of a solution, with a recorded motion on it and the quantities measured on that."""
@@ -525,6 +585,7 @@ def _basin(
         *(model, drive.u, duration, q, qdot),
         samples=min(samples, MOST_SAMPLES + 1),
         base=drive.base,
+        force=drive.force,
         rtol=RECORD_TOLERANCE,
         dense=True,
     )
@@ -548,7 +609,7 @@ def _basin(
     elif end.exponent is not None:
         exponent = end.exponent.value
     return Basin(
-        attractor=replace(end, start=start),
+        attractor=end,
         share=share,
         attracts=one.attracts,
         period=period,
@@ -559,6 +620,7 @@ def _basin(
         spectrum=spectrum,
         section=points,
         motion=motion,
+        drive_period=drive.period,
     )
 
 

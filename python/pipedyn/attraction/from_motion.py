@@ -96,15 +96,17 @@ def solved_cycle(
         NewtonFailed: as `last_period` does; if no cycle is found near the motion's last period; or
             if its multipliers are not known.
     """
-    if model.dimensions == 3 and (planar := _planar(model, stretch)) is not None:
+    motion, u = drive.field(model, stretch.recurrence[3]), drive.mean
+    flat = motion.mirrored_in_z and drive.force is None
+    if flat and (planar := _planar(model, stretch)) is not None:
         orbit, _ = solved_cycle(model.planar, drive, planar, farthest)
-        return _with_stability(model, drive, drive.field(model), orbit.in_space(model))
-    if model.axisymmetric:
+        times = round(2.0 * math.pi / (orbit.frequency * drive.period)) if drive.period else 1
+        return _with_stability(model, drive, drive.field(model, times), orbit.in_space(model))
+    if motion.axisymmetric and not motion.forced:
         raise NewtonFailed("no cycle is solved for that is neither planar nor circular")
     if model.dof > LARGEST_CYCLE:
         raise NewtonFailed(f"no cycle is solved for with more than {LARGEST_CYCLE} freedoms")
     states, frequency = last_period(stretch, farthest)
-    motion, u = drive.field(model, stretch.recurrence[3]), drive.mean
     orbit = solved_anew(motion, states, frequency, u, False, COARSE, *WHILE_NEAR, from_samples=True)
     if orbit.size < REST_EXTENT:
         raise NewtonFailed("the motion comes to rest")
@@ -127,7 +129,7 @@ def _with_stability(
     others, _, error = orbit_multipliers(motion, orbit, FINE.stagnation)
     if not error <= LARGEST_ERROR:
         raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
-    for _ in range((not drive.period) + model.axisymmetric):
+    for _ in range((not drive.period) + motion.axisymmetric):
         others = nontrivial(others)
     return orbit, float(np.abs(others).max(initial=0.0)) < 1.0 - circle_margin(error)
 

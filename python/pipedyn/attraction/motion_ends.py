@@ -57,7 +57,7 @@ from pipedyn.motion.simulate import (
     checked_task,
     in_batches,
 )
-from pipedyn.motion.vector_field import Excitation
+from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import Progress, one_thread, parallel
@@ -201,14 +201,14 @@ class Case:
     ends: dict[int, MotionEnd] = field(default_factory=dict)
 
     @cached_property
+    def motion(self) -> VectorField:
+        """The vector field."""
+        return self.drive.field(self.model)
+
+    @cached_property
     def odd(self) -> bool:
         """Whether the mirror image of every motion is a motion; in space from z to -z."""
         return self.drive.is_odd(self.model)
-
-    @property
-    def shifts(self) -> bool:
-        """Whether the mirror image of a motion is half a period later; never so in space."""
-        return self.drive.shifts and self.model.dimensions == 2
 
     @property
     def attracting(self) -> list[int]:
@@ -228,7 +228,7 @@ class Case:
 
         If a known solution holds its last state, the number is that of the known one.
         """
-        shifts, numbers = self.shifts, list[int]()
+        shifts, numbers = self.drive.shifts(self.model), list[int]()
         images = [one]
         if self.odd and not one.is_mirror_image(one, shifts):
             images.append(one.mirrored(shifts))
@@ -334,7 +334,7 @@ class _Engine:
             times=samples,
             rtol=rtol,
             base=drive.base,
-            forces=(drive.force,) if drive.force else (),
+            forces=drive.forces,
             members=len(runs),
             most=self.options.most,
         )
@@ -364,9 +364,10 @@ class _Engine:
         for k, i in enumerate(going):
             part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
             runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
-            motion = _seen_across(self.model, rows[part], tips[part], velocities[part])
+            turns = runs[i].case.motion.axisymmetric
+            motion = _seen_across(self.model, turns, rows[part], tips[part], velocities[part])
             runs[i].set_sizes(float(np.ptp(motion[1])), float(np.abs(motion[2]).max()))
-            given = max(self.options.rtol, rtol), drive.period, self.model.axisymmetric
+            given = max(self.options.rtol, rtol), drive.period, turns
             runs[i].record = Stretch(samples - before, *motion, *given)
         return [runs[i] for i in going]
 
@@ -423,8 +424,7 @@ class _Engine:
             if not loses_energy(self.model, run.case.drive.mean):
                 continue
             same = [one for one in others if one.case is run.case and run.leader is None]
-            turnings = run.record.turnings
-            alike = (one for one in same if one_distribution(one.record.turnings, turnings))
+            alike = (one for one in same if self.look_alike(one.record, run.record))
             leader = next(alike, None)
             if leader is None:
                 others.append(run)
@@ -432,6 +432,11 @@ class _Engine:
                 run.leader, run.join_time = leader, self.elapsed
                 joining.append(run)
         return joining
+
+    def look_alike(self, one: Stretch, other: Stretch) -> bool:
+        """Whether turning points, and in space turns about the axis, may have one distribution."""
+        turn = self.model.dimensions == 2 or one_distribution(one.turns, other.turns)
+        return turn and one_distribution(one.turnings, other.turnings)
 
     def finish(self, every: list[_Run]) -> None:
         """Follows motions until they end."""
@@ -561,6 +566,7 @@ class _Engine:
                 UNTIL_SETTLED,
                 interval=every * float(t[1]),
                 base=drive.base,
+                forces=drive.forces,
                 driven=bool(drive.period),
             )
             exponents = dict(zip(irregular, measured, strict=True))
@@ -581,7 +587,7 @@ class _Engine:
                 why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
             elif exponent is None:
                 ending = "irregular"
-            elif exponent.chaotic and exponent.value > shear * self.model.axisymmetric:
+            elif exponent.chaotic and exponent.value > shear * run.case.motion.axisymmetric:
                 ending = "chaotic"
             elif exponent.value <= min(exponent.spread, shear) and run.record.averages_converge():
                 ending = "quasi-periodic"
@@ -604,15 +610,15 @@ class _Engine:
 
 
 def _seen_across(
-    model: Model, states: Array, tips: Array, velocities: Array
+    model: Model, turns: bool, states: Array, tips: Array, velocities: Array
 ) -> tuple[Array, Array, Array]:
     """States, (S, 2 integrated), with positions and velocities of the tip across, (S,) each.
 
     These are along the direction in which the tip moves farthest in the later half. If a turn about
-    the axis changes nothing, states are turned so that this direction is x.
+    the axis changes nothing (`turns`), states are turned so that this direction is x.
     """
     direction = farthest_direction(tips[len(tips) // 2 :])
-    if isinstance(model, SpatialModel) and model.axisymmetric:
+    if isinstance(model, SpatialModel) and turns:
         angle = math.atan2(direction[2], direction[0])
         states = np.ascontiguousarray(model.turned(states.T, -angle).T)
     return states, tips @ direction, velocities @ direction

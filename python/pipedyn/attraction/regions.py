@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import Model
+from pipedyn.models.space import nearest_plane
 from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
 from pipedyn.orbits.floquet_coordinates import FloquetCoordinates
 from pipedyn.util.check import Array, Complex
@@ -72,11 +73,10 @@ def aligned(states: Array, unit: float) -> Array:
     multiplied by the time `unit` and by a weight, without which circular motion has no such plane.
     """
     x, z, by_x, by_z = np.split(states, 4, axis=1)
-    places, rates = x + 1j * z, by_x + 1j * by_z
-    squares = (places**2).sum(axis=1) + 0.5 * unit**2 * (rates**2).sum(axis=1)
-    turn = np.exp(-0.5j * np.angle(squares))[:, None]
-    places, rates = turn * places, turn * rates
-    return np.concatenate([places.real, places.imag, rates.real, rates.imag], axis=1)
+    weight = math.sqrt(0.5) * unit
+    azimuths = nearest_plane(np.hstack([x, weight * by_x]), np.hstack([z, weight * by_z]))
+    turned = (np.exp(-1j * azimuths)[:, None] * (a + 1j * b) for a, b in ((x, z), (by_x, by_z)))
+    return np.hstack([part for one in turned for part in (one.real, one.imag)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,8 @@ class Region:
             turn[: self.half] = self.turn
             points = np.concatenate([points, points + turn, points - turn])
         if self.axisymmetric:  # half a turn leaves the plane of a state the same
-            points = np.concatenate([points, -points])
+            signs = np.repeat([-1.0, 1.0], [2 * self.half, 2 * self.driven])
+            points = np.concatenate([points, signs * points])
         return points * self.units
 
     @cached_property
@@ -152,7 +153,8 @@ class Region:
 
     def _without_turns(self, states: Array) -> Array:
         if self.axisymmetric:
-            return aligned(states, self.unit)
+            own, phases = np.split(states, [2 * self.half], axis=1)
+            return np.hstack([aligned(own, self.unit), phases])
         if self.turn is None:
             return states
         states, half = states.copy(), self.half

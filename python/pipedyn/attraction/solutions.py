@@ -122,13 +122,15 @@ class Solution:
         """
         one, region, orbit = self.attractor, self.region.mirrored(shifts), self.orbit
         signs = np.tile(region.signs, 2)
-        end = signs * one.end
+        end, turnings = signs * one.end, one.turnings
+        if not (region.signs > 0.0).any():  # in three dimensions the image is from z to -z
+            turnings = -turnings
         if shifts:  # state at the beginning of a period of the drive
             end = region.points[np.argmax(region.points[:, -2]), : end.size].copy()
             orbit = None
         elif orbit is not None:
             orbit = replace(orbit, starts=signs * orbit.starts, rates=region.signs * orbit.rates)
-        image = replace(one, end=end, turnings=signs[0] * one.turnings)
+        image = replace(one, end=end, turnings=turnings)
         return replace(self, attractor=image, region=region, orbit=orbit)
 
 
@@ -158,12 +160,13 @@ def with_separate_regions(solutions: Sequence[Solution], known: int = 0) -> list
     return found
 
 
-def symmetries(model: Model) -> dict[str, Any]:
+def symmetries(motion: VectorField) -> dict[str, Any]:
     """Changes of a state that change no motion, as arguments of `Region`."""
+    model = motion.model
     if model.dimensions == 2:
-        return {"turn": Statics(model).whole_turn, "signs": -np.ones(model.integrated)}
+        return {"turn": Statics(model).whole_turn, "signs": -np.ones(motion.half)}
     signs = model.from_plane(np.ones(model.planar.integrated))
-    return {"axisymmetric": model.axisymmetric, "signs": 2.0 * signs - 1.0}
+    return {"axisymmetric": motion.axisymmetric, "signs": 2.0 * signs - 1.0}
 
 
 # ----------------------------------------------------------------------------------------- rest
@@ -191,7 +194,7 @@ def _equilibrium(statics: Statics, p: Array, u: float) -> Solution:
     omega = oscillating.min() if oscillating.size else np.abs(values).min()
     unit = 1.0 / max(float(omega), 1e-3)
     period = min(2.0 * math.pi * unit, LONGEST_PERIOD)
-    region = Region(rest[None], unit, period, **symmetries(model))
+    region = Region(rest[None], unit, period, **symmetries(motion))
     if not p.any():  # turns leave the distance from the axis the same
         region = replace(region, axisymmetric=False)
     if stable and not motion.constrained:
@@ -225,7 +228,7 @@ def around_cycle(
         count: number of maxima of the tip's transverse position in a period.
         phases: phases of the points, from 0 on, (M,), if motions are not driven.
     """
-    step, omega, same = PHASE_STEP, 2.0 * math.pi / period, symmetries(model)
+    step, omega, same = PHASE_STEP, 2.0 * math.pi / period, symmetries(drive.field(model))
     unit = period / (2.0 * math.pi * count)
     if drive.period:
         t = np.linspace(0.0, period, round(period / drive.period) * PHASES, endpoint=False)
@@ -266,7 +269,8 @@ def circular_solution(model: Model, z: Array) -> Solution:
     period, state = 2.0 * math.pi / abs(one.frequency), np.concatenate([one.q, one.qdot])
     turnings = one.radius * np.tile([1.0, -1.0], TURNING_PERIODS)
     end = Attractor(one.u, -1, "rotating", 1, turnings, state)
-    region = Region(state[None], 1.0 / abs(one.frequency), period, **symmetries(model))
+    same = symmetries(VectorField(model))
+    region = Region(state[None], 1.0 / abs(one.frequency), period, **same)
     if one.stable and model.integrated == model.dof:
         with suppress(LinAlgError):
             coordinates = modal_coordinates(rotating_slopes(model, z), region.units, 1)
@@ -315,7 +319,7 @@ def irregular_motion(model: Model, drive: Excitation, end: Attractor, stretch: S
     """The solution of a motion that does not repeat, computed from its record."""
     count = max(maxima(stretch.turnings).size, 1)
     unit = float(stretch.t[-1]) / (2.0 * math.pi * count)
-    points, same = record_points(drive, stretch), symmetries(model)
+    points, same = record_points(drive, stretch), symmetries(drive.field(model))
     region = Region(points, unit, 2.0 * math.pi * unit, driven=bool(drive.period), **same)
     half = len(points) // 2
     first = replace(region, points=region.points[:half])

@@ -160,8 +160,8 @@ class LimitCycle(PeriodicMotion):
         evaluations: number of right-hand sides and Jacobians.
         method: how the cycle was found.
         orbit: solution of the collocation equations, from which other searches start.
-        across: of a cycle in the plane z = 0 of a model in three dimensions those multipliers,
-            shape (dof,), whose perturbations leave that plane; None for other cycles.
+        across: of a cycle in the plane z = 0 or x = 0 of a model in three dimensions those
+            multipliers, shape (dof,), whose perturbations leave that plane; None for other cycles.
 
     Example:
         >>> cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.0)

@@ -72,7 +72,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
-from pipedyn.util.errors import NotConverged
+from pipedyn.util.errors import NotConverged, warn_of_plane
 from pipedyn.util.parallel import one_thread, outcome_of
 from pipedyn.util.result import LENGTH, SPEED, Result
 
@@ -413,6 +413,8 @@ def hopf(
         Supply.at_speed(model.pipe, 1.0, friction=friction)
     own = crossing is None
     if crossing is None:
+        if model.dimensions == 2 and not model.pipe.rests_straight:
+            warn_of_plane(__name__)
         critical, found = critical_point(model)
         if critical.kind != "flutter":
             raise NoHopf(
@@ -703,7 +705,6 @@ def criticality_curve(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    at, pipes, onsets, failures = sweep(
-        make_model, values, _onsets, executor, progress, "criticality"
-    )
+    given = make_model, values, _onsets, executor, progress
+    at, pipes, onsets, failures = sweep(*given, "criticality", __name__)
     return CriticalityCurve(at, tuple(onsets), failures, pipes)

@@ -7,15 +7,16 @@ a force, a branch begins near the linear response. In a pulsating flow, and if t
 a straight pipe, rest is a motion, too; other motions branch off it on the edges of parametric
 regions, with the period of the forcing (harmonic) or twice that (subharmonic).
 
-In three dimensions motions in the plane z = 0 are solved for by the same equations, whose
+In three dimensions motions in the plane z = 0 or x = 0 are solved for by the same equations, whose
 derivatives do not couple this plane with motions across it. Where one of the latter passes the unit
-circle on the real axis, a branch of motions that leave the plane begins.
+circle on the real axis, a branch of motions that leave the plane begins. From motions that lie in
+no plane, branches of motions with less symmetry or twice the period begin.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import field, replace
@@ -44,10 +45,17 @@ from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.rest import at_rest
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
-from pipedyn.models.drive import Force, Harmonic, Pulsation, require_steady, steady_speed
+from pipedyn.models.drive import (
+    Force,
+    Harmonic,
+    Pulsation,
+    checked_periodic_force,
+    require_steady,
+    steady_speed,
+)
 from pipedyn.models.space import SpatialModel
 from pipedyn.motion.simulate import checked_model_in_motion
-from pipedyn.motion.vector_field import Excitation, ForcedField, phase_times
+from pipedyn.motion.vector_field import Excitation, ForcedField
 from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual
 from pipedyn.orbits.floquet import (
     CircleTest,
@@ -113,7 +121,7 @@ HARMONICS = 8
 
 # -------------------------------------------------------------------------------------- results
 
-BranchKind = Literal["base", "force", "subharmonic", "harmonic", "out of plane"]
+BranchKind = Literal["base", "force", "subharmonic", "harmonic", "out of plane", "offshoot"]
 
 FROM_REST = ("subharmonic", "harmonic")
 """Kinds of branches that leave rest."""
@@ -145,7 +153,7 @@ class ForcedMotion(PeriodicMotion):
         amplitude_across: half the peak-to-peak motion of the free end across the direction of
             `amplitude` and the axis, in L: 0 for motions in a plane.
         across: those multipliers, shape (dof,), whose perturbations leave the plane of a motion in
-            the plane z = 0 of three dimensions; None for other motions.
+            the plane z = 0 or x = 0 of three dimensions; None for other motions.
     """
 
     u: float | Pulsation
@@ -181,8 +189,9 @@ class ForcedBranch(TableResult):
     Attributes:
         kind: "base" with a moving base, "force" with a force; "subharmonic" or "harmonic" for a
             branch that leaves rest, in a pulsating flow or with a base that moves along the pipe;
-            "out of plane" for a branch of motions in three dimensions that leave the plane z = 0,
-            from another branch on.
+            "out of plane" for a branch of motions in three dimensions that leave the plane of
+            another branch; "offshoot" for one of motions in no plane that leave another branch of
+            such motions where it loses its symmetry or doubles its period.
         frequency: angular frequency of the forcing, in 1 / T, shape (P,).
         amplitude: half the peak-to-peak transverse motion of the free end relative to the base, in
             L, shape (P,).
@@ -256,7 +265,9 @@ class ForcedResponse(TableResult):
     Attributes:
         branches: branches, each followed from one end. If the branch of a moving base or a force
             was lost on the way from the lowest frequency, another one begins at the highest. In
-            three dimensions each is followed by those that leave its plane.
+            three dimensions each is followed by those that leave its plane and by offshoots. No
+            branch is followed from these in turn, nor from an event "torus" or "branch point", nor
+            from a "pitchfork" or "period doubling" of motions that stay in their plane or precess.
         forcing: amplitude and direction of the base's motion, or mean and amplitude of the flow's,
             or the force.
         u: flow speed, in a pulsating flow its mean.
@@ -324,8 +335,9 @@ def forced_response(
 
     Args:
         model: chain, reduced model or scene, up to 60 degrees of freedom. In three dimensions
-            motions of a base or force in the plane z = 0 are followed in this plane, with their
-            stability also across it, and then the branches that leave the plane.
+            motions of a base or force in the plane z = 0 or x = 0 are followed in this plane, with
+            their stability also across it, and then the branches that leave the plane. Motions that
+            lie in no plane have offshoots, where they lose their symmetry or double their period.
         u: flow speed >= 0; or a `Pulsation`, whose mean and amplitude stay while its frequency
             varies. Then motions branch off from rest at the edges of parametric regions, and the
             pipe must be stable at the mean speed.
@@ -400,10 +412,10 @@ def forced_response(
         )
     with one_thread(2 * model.integrated):
         for begun in starts:
-            if begun.from_rest and begun.is_end_of(branches):
+            if begun.is_end_of(branches):
                 continue  # the branch was followed to here from the region's other edge
             branches.append(begun.branch(shown))
-            for leaving in begun.out_of_plane():
+            for leaving in begun.offshoots():
                 if not leaving.is_end_of(branches):
                     branches.append(leaving.branch(shown))
     branches = [replace(branch, azimuth=azimuth) for branch in branches]
@@ -440,7 +452,7 @@ def _checked_forcing(
     if force is not None:
         if base is not None:
             raise ValueError("force must not be given where the base moves")
-        return _checked_force(force, dimensions)
+        return checked_periodic_force(force, dimensions)
     if not isinstance(base, Harmonic):
         raise TypeError(
             f"base must be a Harmonic or u a Pulsation, got {check.shown(base)}; or give a force"
@@ -449,31 +461,6 @@ def _checked_forcing(
     if base.amplitude == 0.0:
         raise ValueError("base must move, got an amplitude of 0")
     return base
-
-
-def _checked_force(force: Any, dimensions: int) -> Force:
-    """The force, refused unless it has a frequency, repeats with its phase and acts."""
-    known: Force = check.instance("force", force, Force, "a Force")
-    if known.frequency is None:
-        raise ValueError(
-            "force must have a frequency, which forced_response varies, and a function of the "
-            f"phase, got {check.shown(force)}"
-        )
-    places, times = np.linspace(0.0, 1.0, 9), phase_times(known)
-    period = 2.0 * math.pi / known.frequency
-    values, later = (
-        np.array([known.components(places, t, dimensions) for t in (times + add).tolist()])
-        for add in (0.0, period)
-    )
-    size = float(np.abs(values).max())
-    if size == 0.0:
-        raise ValueError("force must act, got one that is 0 at all times")
-    if (missed := float(np.abs(later - values).max())) > 1e-9 * size:
-        raise ValueError(
-            "force must repeat as its phase grows by 2 pi, got a function whose values then differ "
-            f"by {missed:.1e}"
-        )
-    return known
 
 
 # ----------------------------------------------------------------------------------- beginnings
@@ -742,7 +729,9 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         motion: equations of motion along the branch.
         start: the motion at which the branch begins, with its first step.
         window: range of forcing frequencies within which the branch is followed.
-        rests: forcing frequencies at which branches of this kind meet rest, rising, shape (E,).
+        rests: forcing frequencies at which branches of this kind meet rest or other branches,
+            rising, shape (E,).
+        meets: kinds of meetings with these, as for `breaking_part`.
     """
 
     def __init__(
@@ -752,12 +741,12 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         start: BranchStart,
         window: tuple[float, float],
         rests: ArrayLike = (),
+        meets: Sequence[str] = ("hopf",),
     ) -> None:
         super().__init__(most=MOST_STEPS)
         self.kind, self.motion, self.start, self.window = kind, motion, start, window
-        self.rests = np.array(rests)
-        self.from_rest = kind in FROM_REST
-        self.leaves = self.from_rest or kind == "out of plane"
+        self.rests, self.meets = np.array(rests), meets
+        self.from_rest, self.leaves = kind in FROM_REST, kind not in ("base", "force")
         self.points, self.events = list[_ForcedPoint](), list[ForcedEvent]()
         self.steps = list[Step]()
         self.forks = list[tuple[_Passing, PeriodicOrbit]]()
@@ -769,20 +758,26 @@ class _ForcedTracer(Tracer[OrbitProblem]):
 
     def is_end_of(self, branches: Iterable[ForcedBranch]) -> bool:
         """Whether a branch of the same kind ended where this one begins."""
-        for one in branches:
-            size = one.amplitude if self.from_rest else one.amplitude_across
-            if one.kind == self.kind and size is not None and size[-1] == 0.0:
-                near = 1e-6 if self.from_rest else 1e-3
-                if abs(one.frequency[-1] / self.points[0].frequency - 1.0) < near:
-                    return True
-        return False
+        near, first = 1e-6 if self.from_rest else 1e-3, self.points[0]
+        return any(
+            one.kind == self.kind
+            and one.failure is None
+            and abs(one.frequency[-1] / first.frequency - 1.0) < near
+            and abs(one.amplitude[-1] - first.amplitude) < near
+            for one in branches
+        )
 
-    def out_of_plane(self) -> Iterator[_ForcedTracer]:
-        """Branches that leave the plane of this one, at its events across the plane."""
+    def offshoots(self) -> Iterator[_ForcedTracer]:
+        """Branches that leave this one at its forks."""
         met = [self.motion.order * orbit.frequency for _, orbit in self.forks]
         for passing, orbit in self.forks:
-            motion, start = _leaving_plane(self.motion, orbit, passing.root.real)
-            yield _ForcedTracer("out of plane", motion, start, self.window, met)
+            motion, start = _leaving(self.motion, orbit, passing)
+            kind: BranchKind = "out of plane" if passing.across else "offshoot"
+            meets: Sequence[str] = (passing.kind,)
+            if passing.across:  # rest in either plane shows that motions may be in either plane
+                own = "z" if uncoupled(self.motion, orbit)[0][0] == 0 else "x"
+                meets = ("z", "x") if _is_axial(self.motion) else (own,)
+            yield _ForcedTracer(kind, motion, start, self.window, met, meets)
 
     def branch(self, shown: bool) -> ForcedBranch:
         """The branch, after it was followed."""
@@ -821,9 +816,8 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         """Keeps a step, its events and the motion at its end; returns why the branch ends."""
         order = self.motion.order
         met = None
-        if self.leaves and self.steps:  # a branch that leaves rest or a plane may come back to it
-            kinds = ["hopf"] if self.from_rest else ["z", "x"][: 1 + self.motion.axisymmetric]
-            tries = (meeting(step, kind, self.rests / order, 1e-3) for kind in kinds)
+        if self.leaves and self.steps:  # a branch that leaves rest or others may come back to them
+            tries = (meeting(step, kind, self.rests / order, 1e-3) for kind in self.meets)
             met = next((one for one in tries if one is not None), None)
         if met is not None:
             if self.from_rest and not met.known:
@@ -841,10 +835,12 @@ class _ForcedTracer(Tracer[OrbitProblem]):
                 self.points.append(point)
                 # Where a turn about the axis changes nothing, the root of that turn is 1, too, and
                 # motions that leave the plane without another symmetry precess.
-                repeats = passing.kind != "torus" and not (
-                    passing.root.real > 0.0 and self.motion.axisymmetric
-                )
-                if passing.across and repeats:
+                turns, back = self.motion.axisymmetric, passing.root.real < 0.0
+                forks = back or not turns
+                if not passing.across:
+                    forks = back and not turns and self.motion.model.dimensions == 3
+                    forks = forks and len(uncoupled(self.motion, orbit)) == 1
+                if forks and passing.kind != "torus":
                     self.forks.append((passing, orbit))
         self.steps.append(step)
         self.points.append(_point_of_orbit(self.motion, orbit_at(step, step.length)))
@@ -860,9 +856,11 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         return not low <= self.motion.order * point.p <= high
 
     def _joins(self, orbit: PeriodicOrbit) -> None:
-        """Keeps a point of rest, or one at which motions come to the plane."""
+        """Keeps a point of rest, or one at which motions come to the plane or another branch."""
         amplitude = 0.0 if self.from_rest else amplitude_of(self.motion, orbit)[0]
-        self.points.append(_ForcedPoint(self.motion.order * orbit.frequency, amplitude))
+        across = amplitude_across(self.motion, orbit) if self.kind == "offshoot" else 0.0
+        frequency = self.motion.order * orbit.frequency
+        self.points.append(_ForcedPoint(frequency, amplitude, across=across))
 
     def _event(self, kind: EventKind, orbit: PeriodicOrbit, across: bool = False) -> ForcedEvent:
         """Keeps the event at an orbit."""
@@ -875,16 +873,16 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         self._event("grazing", grazing.middle)
 
 
-def _leaving_plane(
-    motion: ForcedField, orbit: PeriodicOrbit, root: float
+def _leaving(
+    motion: ForcedField, orbit: PeriodicOrbit, passing: _Passing
 ) -> tuple[ForcedField, BranchStart]:
-    """First step out of the plane of an orbit, at which a root across is near 1 or -1.
+    """First step away from the branch of an orbit, at which a root is near 1 or -1.
 
     The motions have the symmetry and the period of the orbit if the root is 1. If it is -1, they
     are not symmetric or, if the orbit is not either, have twice its period.
     """
-    across = uncoupled(motion, orbit)[1]
-    if root < 0.0:
+    across = uncoupled(motion, orbit)[int(passing.across)]
+    if passing.root.real < 0.0:
         orders = motion if orbit.symmetric else motion.of_order(2 * motion.order)
         orders.reach = motion.reach
         return orders, from_branch_point(motion, orbit, across)

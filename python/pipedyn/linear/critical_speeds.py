@@ -122,9 +122,10 @@ class CriticalSpeeds(TableResult, units=dict.fromkeys(("speeds", "errors", "max_
 Answers: TypeAlias = tuple[Array, dict[int, Exception]]
 """A row of quantities of each of some pipes, and the exceptions of those that failed, by row."""
 
-ROW_LENGTH = 7
+ROW_LENGTH = 8
 """Number of quantities: speed, frequency, error of the speed, mode, whether the pipe diverges,
-whether the motion is across the plane of rest, and number of unstable roots below the speed."""
+whether the motion is across the plane of rest, whether a load bends the pipe at rest, and number of
+unstable roots below the speed."""
 
 
 def critical_speeds(
@@ -172,9 +173,6 @@ def critical_speeds(
     check.executor("executor", executor)
     check.flag("progress", progress)
     values = _checked_values(model, numbers)
-    weighed = "gamma" in values and model.pipe.down[0]
-    if model.dimensions == 2 and (not model.pipe.rests_straight or weighed):
-        warn_of_plane(__name__)
     shape = next(iter(values.values())).shape
     points = np.stack([one.ravel() for one in values.values()], axis=-1)
     least = LEAST_TASKS if executor is not None or progress else 1
@@ -191,7 +189,10 @@ def critical_speeds(
         for k, error in failed.items():
             failures.append(Failure(part[k], float(points[part[k], 0]), error))
     speeds, frequencies, errors, *others = rows.T.reshape(ROW_LENGTH, *shape).copy()
-    modes, divergent, across, unstable = (np.nan_to_num(one).astype(np.int64) for one in others)
+    others = [np.nan_to_num(one).astype(np.int64) for one in others]
+    modes, divergent, across, bent, unstable = others
+    if model.dimensions == 2 and bent.any():
+        warn_of_plane(__name__)
     return CriticalSpeeds(
         model,
         values,
@@ -257,8 +258,9 @@ def _answers(model: AnyModel, names: Sequence[str], points: Array, max_speed: fl
 def _quantities(model: AnyModel, point: CriticalPointIfAny | Exception) -> list[float]:
     """The quantities of a pipe from its critical point; raises the exception of one that failed."""
     critical, crossings = only_answer([point])
+    bent = not model.pipe.rests_straight
     if critical is None:
-        return [math.nan] * (ROW_LENGTH - 1) + [unstable_at_rest(model, crossings)]
+        return [math.nan] * (ROW_LENGTH - 2) + [bent, unstable_at_rest(model, crossings)]
     diverges, across = critical.kind == "divergence", bool(critical.across)
     found = [critical.speed, critical.frequency, critical.error, critical.mode, diverges, across]
-    return [*found, critical.unstable_before]
+    return [*found, bent, critical.unstable_before]

@@ -214,8 +214,6 @@ def stability_curve(
     at, pipes, answers, failures = sweep(make_model, values, solve, executor, progress)
     none: CriticalPointIfAny = (None, ())
     critical, found = zip(*(none if one is None else one for one in answers), strict=True)
-    if any(one and not one.pipe.rests_straight and one.model.dimensions == 2 for one in critical):
-        warn_of_plane(__name__)
     name = _name_of_argument(make_model)
     return StabilityCurve(at, critical, found, failures, max_speed, name, pipes)
 
@@ -235,12 +233,14 @@ def sweep(
     executor: futures.Executor | None,
     progress: bool,
     label: str = "stability curve",
+    asked: str = __name__,
 ) -> tuple[Array, tuple[Pipe | None, ...], list[Returned | None], tuple[Failure, ...]]:
     """Results of `solve` for the models at values of a parameter, as for `stability_curve`.
 
     Returns the values, shape (S,); the pipes, None if there is no model; the results, None if the
     point failed; and the failures, in order. `solve` takes a batch of models and returns a result
-    or an exception for each; it must pickle if the executor runs processes.
+    or an exception for each; it must pickle if the executor runs processes. Users called the module
+    `asked`, which brings the warning `FluttersAcross`.
     """
     check.instance("make_model", make_model, Callable, "a function of the parameter")
     at = check.array("values", values, longest=100_000)
@@ -253,6 +253,8 @@ def sweep(
     outcomes: list[Any] = [outcome_of(model_at, value) for value in at.tolist()]
     pipes = tuple(None if isinstance(one, Exception) else one.pipe for one in outcomes)
     made = [i for i, one in enumerate(pipes) if one is not None]
+    if any(outcomes[i].dimensions == 2 and not outcomes[i].pipe.rests_straight for i in made):
+        warn_of_plane(__name__, asked)
     least = BATCHES if executor is not None or shown else 1
     parts = [[made[k] for k in part] for part in batches(len(made), LARGEST_BATCH, least)]
     jobs = [partial(solve, [outcomes[i] for i in batch]) for batch in parts]

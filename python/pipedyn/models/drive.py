@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from pipedyn.models.pipe import Pipe, checked_pipe, scaled_by
 from pipedyn.models.scales import beyond, like_water
+from pipedyn.models.space import nearest_plane
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
@@ -428,8 +429,7 @@ class Force(_Drive):
 
 def _azimuth_of(across: NDArray[Any]) -> float:
     """Angle from x towards z of the plane of vectors (x, z), (k, 2), real or complex; 0 if none."""
-    (xx, xz), (_, zz) = (across.T @ across.conj()).real.tolist()
-    angle = 0.5 * math.atan2(2.0 * xz, xx - zz)
+    angle = float(nearest_plane(*across.T))
     beside = across @ np.array([-math.sin(angle), math.cos(angle)])
     return angle if np.abs(beside).max() <= 1e-12 * np.abs(across).max() else 0.0
 
@@ -453,6 +453,37 @@ def _force_in_si(
     """
     *places, t = arguments
     return check.in_unit("its value", function(*(length * s for s in places), time * t), unit)
+
+
+def checked_periodic_force(force: Any, dimensions: int) -> Force:
+    """The force, refused unless it has a frequency, repeats with its phase and acts."""
+    known: Force = check.instance("force", force, Force, "a Force")
+    if known.frequency is None:
+        raise ValueError(
+            "force must have a frequency, which sets the period, and a function of the "
+            f"phase, got {check.shown(force)}"
+        )
+    places, times = np.linspace(0.0, 1.0, 9), phase_times(known)
+    period = 2.0 * math.pi / known.frequency
+    values, later = (
+        np.array([known.components(places, t, dimensions) for t in (times + add).tolist()])
+        for add in (0.0, period)
+    )
+    size = float(np.abs(values).max())
+    if size == 0.0:
+        raise ValueError("force must act, got one that is 0 at all times")
+    if (missed := float(np.abs(later - values).max())) > 1e-9 * size:
+        raise ValueError(
+            "force must repeat as its phase grows by 2 pi, got a function whose values then differ "
+            f"by {missed:.1e}"
+        )
+    return known
+
+
+def phase_times(force: Force) -> Array:
+    """Times in a period of a force that repeats, at which it is checked."""
+    assert force.frequency is not None
+    return np.linspace(0.0, 2.0 * math.pi / force.frequency, TRIED, endpoint=False)
 
 
 def checked_forces(force: Any) -> tuple[Force, ...]:

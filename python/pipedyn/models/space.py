@@ -73,6 +73,16 @@ def tangents_by(q: Array) -> Array:
     return np.stack([turning(q, np.concatenate(unit)) for unit in ((one, none), (none, one))])
 
 
+def nearest_plane(x: NDArray[Any], z: NDArray[Any]) -> Array:
+    """Azimuth, from x towards z, of the plane through the axis that is nearest to vectors (x, z).
+
+    Real or complex vectors have the shape (..., k), azimuths (...,). The sum of the squares of the
+    distances from the plane is least, so that factors of the vectors are weights.
+    """
+    squares = np.sum(np.abs(x) ** 2 - np.abs(z) ** 2, axis=-1)
+    return np.asarray(0.5 * np.arctan2(2.0 * np.sum(x * z.conj(), axis=-1).real, squares))
+
+
 class SpatialSupports(ReducedSupports):
     """Constraints x = z = 0 at the supports of a model in three dimensions."""
 
@@ -161,8 +171,7 @@ class SpatialModel(MeetsSupports, Model):
         """Parts of p in the plane z = 0 and across it, after the turn that is allowed."""
         x, z = np.split(p, 2)
         if self.axisymmetric:  # the plane nearest to p becomes z = 0
-            angle = 0.5 * math.atan2(2.0 * float(x @ z), float(x @ x - z @ z))
-            x, z = np.split(self.turned(p, -angle), 2)
+            x, z = np.split(self.turned(p, -float(nearest_plane(x, z))), 2)
         return x, z
 
     def nearest_in_plane(self, p: Array) -> Array:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from pipedyn.models.base import Model
-from pipedyn.models.drive import Base, InputUnits, Pulsation, require_steady, steady_speed
+from pipedyn.models.drive import Base, Force, InputUnits, Pulsation, require_steady, steady_speed
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.integrator import Observer, Task, integrate
 from pipedyn.motion.simulate import (
@@ -221,6 +221,7 @@ def exponents_together(
     blocks: int = 10,
     interval: float = 0.5,
     base: Base | None = None,
+    forces: tuple[Force, ...] = (),
     driven: bool = False,
     alone: bool = False,
     shown: bool = False,
@@ -232,9 +233,9 @@ def exponents_together(
     known states are integrated, beside the last of these; where they are few, first the transient
     is shortened, then the duration.
 
-    If the flow pulsates or the base moves (`driven`), all motions have the same forcing and begin
-    at the start of a period. The interval must be a multiple of that period, and the duration is
-    rounded up to whole intervals, as with known states.
+    If the flow pulsates, the base moves or forces act (`driven`), all motions have the same forcing
+    and begin at the start of a period. The interval must be a multiple of that period, and the
+    duration is rounded up to whole intervals, as with known states.
 
     Each motion is followed together with a neighbour. Those of an ensemble end early if the
     exponent over the later half of their time so far is above 0 by BEYOND_DOUBT spreads; this
@@ -260,6 +261,7 @@ def exponents_together(
         rtol=error,
         atol=error,
         base=base,
+        forces=forces,
         # Implicit steps follow a difference that decays with a hundredth of the error.
         members=1 if alone else (1 if known else 2) * len(paths),
     )

@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from pipedyn.models.space import nearest_plane
 from pipedyn.util.check import Array
 
 ROUND = 0.95
@@ -42,9 +45,10 @@ def farthest_direction(positions: Array) -> Array:
     if len(direction) == 2:
         return direction
     across = positions[:, ::2] - positions[:, ::2].mean(axis=0)
-    _, sizes, ways = np.linalg.svd(across, full_matrices=False)
-    if sizes[-1] < ROUND * sizes[0]:
-        direction[::2] = ways[0]
+    azimuth = float(nearest_plane(*across.T))
+    way = np.array([math.cos(azimuth), math.sin(azimuth)])
+    if np.linalg.norm(across @ (-way[1], way[0])) < ROUND * np.linalg.norm(across @ way):
+        direction[::2] = way
     return direction * np.sign(direction[np.abs(direction).argmax()])
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.models.base import BASE_ROWS, ROWS, Model
-from pipedyn.models.drive import TRIED, AppliedForces, Force, Harmonic, Pulsation
+from pipedyn.models.drive import TRIED, AppliedForces, Force, Harmonic, Pulsation, phase_times
 from pipedyn.models.reduced_supports import STENCIL
 from pipedyn.motion.sampling import farthest_direction
 from pipedyn.util.archive import saved_as
@@ -130,6 +130,11 @@ class VectorField:
         """Whether every motion turned about the axis of the straight pipe is a motion."""
         return self.model.axisymmetric
 
+    @property
+    def mirrored_in_z(self) -> bool:
+        """Whether, in three dimensions, the image of every motion from z to -z is a motion."""
+        return self.model.dimensions == 3
+
     def is_odd(self, u: float) -> bool:
         """Whether the mirror image of every motion is a motion, tested at three states.
 
@@ -231,12 +236,19 @@ class ForcedField(VectorField):
     @property
     def axisymmetric(self) -> bool:
         """Whether every motion turned about the axis is a motion: none if the forcing is across."""
-        if not super().axisymmetric or (self.base is not None and self.base.across):
-            return False
+        return super().axisymmetric and not self._acts_along([0, 2])
+
+    @property
+    def mirrored_in_z(self) -> bool:
+        """Whether the image of every motion is a motion: not if the forcing has a part along z."""
+        return super().mirrored_in_z and not self._acts_along([2])
+
+    def _acts_along(self, axes: list[int]) -> bool:
+        """Whether the base moves, or the force acts, along some of the axes x, y and z."""
         if self._forces is None:
-            return True
-        along = self.force_numbers(np.linspace(0.0, 2.0 * math.pi, TRIED))
-        return not along.reshape(-1, 3, TRIED)[:, ::2].any()
+            return self.base is not None and bool(self.base.vector[axes].any())
+        numbers = self.force_numbers(np.linspace(0.0, 2.0 * math.pi, TRIED))
+        return bool(numbers.reshape(-1, 3, TRIED)[:, axes].any())
 
     def flow(self, u: float, frequency: float) -> float | Pulsation:
         """The flow along an orbit with the given frequency: a pulsation with mean u, or u."""
@@ -276,15 +288,9 @@ class ForcedField(VectorField):
         return self.order * (ahead(y, u) - behind(y, u)) / (2.0 * h)
 
 
-def phase_times(force: Force) -> Array:
-    """Times in a period of a force that repeats, at which it is checked."""
-    assert force.frequency is not None
-    return np.linspace(0.0, 2.0 * math.pi / force.frequency, TRIED, endpoint=False)
-
-
 @dataclass(frozen=True)
 class Excitation:
-    """Excitation of motions from time 0 on: the flow and, for some motions, the base.
+    """Excitation of motions from time 0 on: the flow and, for some motions, base or force.
 
     Attributes:
         u: flow speed, steady or pulsating.
@@ -306,9 +312,27 @@ class Excitation:
         return 2.0 * math.pi / driving.frequency
 
     @property
+    def forces(self) -> tuple[Force, ...]:
+        """The force, or none."""
+        return (self.force,) if self.force else ()
+
+    @property
     def mean(self) -> float:
         """The flow speed, or the mean of a pulsating flow."""
         return self.u.mean if isinstance(self.u, Pulsation) else self.u
+
+    def in_plane(self) -> tuple[Excitation, float]:
+        """The excitation turned about the axis into the plane z = 0, as far as it lies in a plane.
+
+        The second result is the angle of its own plane, from x towards z.
+        """
+        if self.base:
+            base, angle = self.base.in_plane()
+            return replace(self, base=base), angle
+        if self.force:
+            force, angle = self.force.in_plane()
+            return replace(self, force=force), angle
+        return self, 0.0
 
     def field(self, model: Model, order: int = 1) -> VectorField:
         """The vector field of a model; if forced, for orbits of `order` periods of the forcing."""
@@ -320,24 +344,22 @@ class Excitation:
     def is_odd(self, model: Model) -> bool:
         """Whether the mirror image of every motion is a motion, half a period later if `shifts`.
 
-        In three dimensions the image is that from z to -z, at the same time.
+        In three dimensions it is the image from z to -z.
         """
-        if model.dimensions == 3:
-            leaves = self.base is not None and bool(self.base.vector[2])
-            return not leaves and (self.force is None or self.force.function is None)
-        if self.shifts and isinstance(self.u, Pulsation):  # the flow differs half a period later
-            return False
-        if self.force is not None and not self.shifts:
-            return False
-        if self.base is not None and self.base.across and self.base.vector[1]:
-            return False
-        return VectorField(model).is_odd(self.mean)
+        shifts, in_space = self.shifts(model), model.dimensions == 3
+        moves = np.zeros(3) if self.base is None else self.base.vector
+        otherwise = np.delete(moves, 2 if in_space else 0).any()
+        if shifts and (otherwise or isinstance(self.u, Pulsation)):
+            return False  # half a period later flow or base differ
+        if in_space:
+            return shifts or self.field(model).mirrored_in_z
+        return (shifts or self.force is None) and VectorField(model).is_odd(self.mean)
 
-    @property
-    def shifts(self) -> bool:
+    def shifts(self, model: Model) -> bool:
         """Whether the mirrored motion is half a period later, as for a base that moves across."""
-        across = self.base is not None and self.base.across
-        return across or (self.force is not None and self.force.function is None)
+        if self.base is not None:
+            return bool(self.base.vector[2 if model.dimensions == 3 else 0])
+        return model.dimensions == 2 and self.force is not None and self.force.function is None
 
     def whole(self, time: float) -> float:
         """The time, rounded up to whole periods of the excitation."""

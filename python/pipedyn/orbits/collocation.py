@@ -180,6 +180,10 @@ def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, 
 
 # ----------------------------------------------------------------------------- Newton's method
 
+ORBIT_GAP = 1e-6
+"""Largest gap between the end of an orbit and its beginning, relative to its states, beyond which
+it precesses: those that do not had gaps of 1e-8 at most."""
+
 
 @saved_as("OrbitControl")
 @dataclass(frozen=True)
@@ -350,7 +354,12 @@ def solved(
     problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
     problem.hopeless, problem.farthest = hopeless, farthest
     z = orbit.packed()
-    return problem.orbit(problem.fixed(z, float(z[-1])))
+    found = problem.orbit(problem.fixed(z, float(z[-1])))
+    if motion.axisymmetric:  # Newton's method leaves out turns, so that the end may be turned
+        end, begin = found.states(found.span * np.array([1.0 - 1e-9, 1.0])).T
+        if np.abs(end - begin).max() > ORBIT_GAP * np.abs(begin).max():
+            raise NewtonFailed("the motion precesses: it repeats only when turned about the axis")
+    return found
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:

@@ -64,7 +64,8 @@ LARGEST_ERROR = 1e-3
 folds it was measured to be 6e-5 at most."""
 
 FLAT_ORBIT = 1e-14
-"""Largest part of an orbit across the plane z = 0, relative to its size, that is rounding."""
+"""Largest part of an orbit across the plane z = 0 or x = 0, relative to its size, that is
+rounding."""
 
 EventKind = Literal[
     "fold",
@@ -112,8 +113,8 @@ def multipliers_by_plane(
 ) -> tuple[list[tuple[Complex, Complex]], float]:
     """Floquet multipliers and their roots, as `orbit_multipliers`, and the error of the worst.
 
-    If an orbit in three dimensions lies in the plane z = 0, they are those of changes in the plane,
-    then those of changes across it; else there is one pair, of all.
+    If an orbit in three dimensions lies in the plane z = 0 or x = 0, they are those of changes in
+    the plane, then those of changes across it; else there is one pair, of all.
     """
     turns, error = fast_turns(motion, orbit), math.inf
     roots: Complex = np.empty(0, dtype=np.complex128)
@@ -143,15 +144,16 @@ def _largest_first(values: Complex) -> NDArray[np.intp]:
 def uncoupled(motion: VectorField, orbit: PeriodicOrbit) -> list[NDArray[np.intp]]:
     """Indices of the entries of a state whose small changes along an orbit are uncoupled.
 
-    If an orbit in three dimensions lies in the plane z = 0, they are those in the plane and those
-    across it; else all.
+    If an orbit in three dimensions lies in the plane z = 0 or x = 0, they are those in the plane
+    and those across it; else all.
     """
     every, half = np.arange(motion.size), motion.half
     if motion.model.dimensions == 3:
-        plane, across = every.reshape(2, 2, half // 2).swapaxes(0, 1).reshape(2, half)
-        parts = (orbit.starts, across), (orbit.rates, across[: half // 2])
-        if all(np.abs(of[..., z]).max() <= FLAT_ORBIT * np.abs(of).max() for of, z in parts):
-            return [plane, across]
+        planes = every.reshape(2, 2, half // 2).swapaxes(0, 1).reshape(2, half)
+        for plane, across in (planes, planes[::-1]):
+            parts = (orbit.starts, across), (orbit.rates, across[: half // 2])
+            if all(np.abs(of[..., z]).max() <= FLAT_ORBIT * np.abs(of).max() for of, z in parts):
+                return [plane, across]
     return [every]
 
 

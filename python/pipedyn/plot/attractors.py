@@ -177,10 +177,10 @@ def poincare_section(
     A cycle shows as many points as it has maxima in a period, a torus lines, and chaos a cloud. The
     picture shows a coordinate against its rate; for "tip" it shows the position of the free end
     against the rate of the last coordinate, and in three dimensions x against that of the last a_x.
-    If a `Pulsation` of the flow or a `Harmonic` motion of the base drives the pipe, sections are
-    stroboscopic: they hold the states at the beginnings of the periods of the drive. The title says
-    which. Between samples of motions, states are those of quintic splines; the title says where a
-    mean cycle has fewer than ten samples.
+    If a `Pulsation` of the flow or a `Harmonic` motion of the base drives the pipe, or the force of
+    `attractors`, sections are stroboscopic: they hold the states at the beginnings of the periods
+    of the drive. The title says which. Between samples of motions, states are those of quintic
+    splines; the title says where a mean cycle has fewer than ten samples.
 
     Args:
         found: attractors; one of the basins; one or several motions; or an ensemble, whose failed
@@ -212,6 +212,8 @@ def poincare_section(
     upward = rate(last.pop() if len(last) == 1 else r"\mathrm{last}")
     ax = given.view.axes(ax, (4.8, 4.2), across, upward)
     handles, periods = {}, [_drive_period(one.motion) for one in given.shown]
+    pairs = zip(given.basins, periods, strict=False)
+    periods = [basin.drive_period or period if basin else period for basin, period in pairs]
     for one, basin, period, final, marker in zip(
         given.shown, given.basins, periods, lasts, cycle(SHAPES), strict=False
     ):

@@ -33,7 +33,7 @@ REGION_STYLES: dict[str, dict[str, Any]] = {
 BRANCH_LOOKS = dict.fromkeys(("base", "force"), (common.BLACK, 1.0))
 BRANCH_LOOKS["subharmonic"] = (common.BLUE, 1.0)
 BRANCH_LOOKS["harmonic"] = (common.ORANGE, 2.0)
-BRANCH_LOOKS["out of plane"] = (common.GREEN, 1.5)
+BRANCH_LOOKS["out of plane"] = BRANCH_LOOKS["offshoot"] = (common.GREEN, 1.5)
 ACROSS_LOOK = (common.PURPLE, 0.6)
 """Colour of each kind of branch, and how wide its curve is, so that kinds differ in grey; and those
 of the curve of the amplitude across."""

@@ -48,7 +48,8 @@ class FluttersAcross(UserWarning):
     gravity, a pipe with its jet at the angle 0.5 rad flutters 4 % below it. `Chain`, `Galerkin` and
     `Continuum` made with `dimensions=3` tell where it flutters across the plane. Questions about
     stability of planar models bring the warning: `critical_speed`, `crossings`, `stability_curve`,
-    `critical_speeds`, `boundary`, `relevant`, `trade`, `choose` and `identify`.
+    `critical_speeds`, `boundary`, `hopf`, `criticality_curve`, `relevant`, `trade`, `choose` and
+    `identify`.
 
     `warnings.filterwarnings("ignore", category=pipedyn.FluttersAcross)` silences it.
 
@@ -79,9 +80,9 @@ class BranchesMissing(UserWarning):
     """
 
 
-def warn_caller(category: type[Warning], said: str, asked: str) -> None:
-    """Warns whoever called a function of the module `asked` from outside of the package."""
-    inner = asked, "pipedyn.util.hints", __name__
+def warn_caller(category: type[Warning], said: str, *asked: str) -> None:
+    """Warns whoever called a function of the modules `asked` from outside of the package."""
+    inner = *asked, "pipedyn.util.hints", __name__
     frame, level = sys._getframe(1), 2
     while frame.f_back and frame.f_globals.get("__name__") in inner:
         frame, level = frame.f_back, level + 1
@@ -89,13 +90,13 @@ def warn_caller(category: type[Warning], said: str, asked: str) -> None:
         warnings.warn(said + _how_to_silence(category), category, stacklevel=level)
 
 
-def warn_of_plane(asked: str) -> None:
-    """Warns with `FluttersAcross` whoever called a function of the module `asked` from outside."""
+def warn_of_plane(*asked: str) -> None:
+    """Warns with `FluttersAcross` whoever called a function of the modules `asked` from outside."""
     said = (
         "the pipe rests bent, and may flutter first across the plane of this model, some per cent "
         "below the critical speed in it: a model made with dimensions=3 answers for both"
     )
-    warn_caller(FluttersAcross, said, asked)
+    warn_caller(FluttersAcross, said, *asked)
 
 
 def warn_of_number(said: str) -> None:
