@@ -564,7 +564,8 @@ class Film(FuncAnimation):
                 ax.set_axis_off()
             raw.seek(0)
             picture = figure.figimage(imread(raw), zorder=-1.0)
-            _end_layout(figure)
+            with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+                figure.set_layout_engine(None)  # with "none" each frame would be drawn twice
             yield
         finally:
             if picture is not None:
@@ -648,7 +649,8 @@ def animate(
     frames = _frames(unit * (end - start), unit * (finish - begin), fps, speed, scale.time_unit)
     own = ax is None
     if ax is None:
-        ax = Figure(figsize=(4.0, 4.6), layout="constrained").add_subplot(
+        none: Any = "none"  # whatever the settings of matplotlib say
+        ax = Figure(figsize=(4.0, 4.6), layout=none).add_subplot(
             projection="3d" if view == "space" else None
         )
     figure = common.axes(ax, (4.0, 4.6), in_space=view == "space").figure.figure
@@ -687,7 +689,7 @@ def animate(
     figure.draw_without_rendering()
     text.set_position(title.get_position())
     if own:  # one layout for all frames: they are then equally large
-        _end_layout(figure)
+        figure.subplots_adjust(*ax.get_position(original=True).extents)
     film = Film(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
     film.fps, film.repeats, film.frames, film.progress = fps, cycle, frames, shown
     film.moving = [one for one in (trace, pipe, flow, text) if one is not None]
@@ -703,12 +705,6 @@ def _not_holding(moving: Sequence[Artist], whole: Artist) -> Iterator[Artist]:
             yield from _not_holding(moving, part)
         elif part not in moving:
             yield part
-
-
-def _end_layout(figure: Figure) -> None:
-    """Keeps the axes of a figure where they are."""
-    with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
-        figure.set_layout_engine(None)  # with "none", matplotlib would draw each frame twice
 
 
 def _checked_path(path: Any) -> Path:
