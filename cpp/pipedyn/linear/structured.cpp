@@ -309,7 +309,11 @@ Pairs Structured::lowest(double u, Index count, bool left, bool high) {
   // energy balance.
   if (found && !traits.damped) found->by_left.setZero();
   if (found && (good(*found) == count || traits.dof > dense_limit)) return *std::move(found);
-  if (traits.dof > dense_limit) throw NotConverged("eigenvalues are too close to be told apart");
+  if (traits.dof > dense_limit)
+    throw NotConverged(
+        "eigenvalues are too close to be told apart: with damping take a smaller count, or a model "
+        "of at most " +
+        std::to_string(dense_limit) + " degrees of freedom");
   Pairs dense = Eigenproblem::lowest(u, count, left, high);
   return found && good(*found) >= good(dense) ? *std::move(found) : dense;
 }
