@@ -116,7 +116,7 @@ def last_cycle(motion):
     return t[0] - np.ptp(t) / 15.0, t[-1]
 
 
-SEVERAL = "motions must be a Motion, several of them or an En"
+SEVERAL = "motions must be Attractors, a Motion, several of them or an En"
 COARSE = "must be sampled at least six times a cycle"
 NO_FILM = "path must end with .gif, .mp4 or .html and lie in a folder"
 

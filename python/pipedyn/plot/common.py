@@ -128,7 +128,8 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     if len(every) == 1:  # in any layout then, this bar follows its Axes
         look = {"cax": every[0].inset_axes((1.01, 0.0, 0.025, 1.0))}
     if isinstance(shown[0].norm, SymLogNorm):
-        look["ticks"] = SymmetricalLogLocator(base=10, linthresh=1.0, subs=(1.0, 3.0))
+        subs = (1.0, 3.0) if abs(shown[0].norm.vmax or 0.0) < 10.0 else (1.0,)  # else they collide
+        look["ticks"] = SymmetricalLogLocator(base=10, linthresh=1.0, subs=subs)
         look["format"] = "{x:g}"
     bar = every[0].figure.colorbar(shown[0], label=label, **look)
     bar.minorticks_off()

@@ -40,7 +40,7 @@ from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from numpy.typing import ArrayLike
 
-from pipedyn.attraction.attractors import Basin
+from pipedyn.attraction.attractors import Attractors, Basin
 from pipedyn.cycles.limit_cycle import LimitCycle
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, LEAST_MOTION, coarse
@@ -72,7 +72,7 @@ Shown: TypeAlias = Sampled | Basin
 
 
 def time_history(
-    motions: Shown | Sequence[Shown] | Ensemble,
+    motions: Shown | Sequence[Shown] | Attractors | Ensemble,
     *,
     start: float | None = None,
     units: Units = "nondimensional",
@@ -85,9 +85,9 @@ def time_history(
     shown as dots. The title says where a mean cycle has fewer than ten samples.
 
     Args:
-        motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
-            members are left out. Between samples, cubics through positions and velocities are
-            shown.
+        motions: one or several motions, limit cycles or basins, attractors, or an ensemble, whose
+            failed members are left out. Between samples, cubics through positions and velocities
+            are shown.
         start: time from which motions are shown, in T, or in s with units="si", to leave out a
             transient; all if not given.
         units: "nondimensional", or "si" if the pipe has scales.
@@ -116,7 +116,7 @@ def time_history(
 
 
 def phase_portrait(
-    motions: Shown | Sequence[Shown] | Ensemble,
+    motions: Shown | Sequence[Shown] | Attractors | Ensemble,
     coordinate: Literal["tip", "path"] | int = "tip",
     *,
     start: float | None = None,
@@ -133,8 +133,8 @@ def phase_portrait(
     says where a mean cycle has fewer than ten samples.
 
     Args:
-        motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
-            members are left out.
+        motions: one or several motions, limit cycles or basins, attractors, or an ensemble, whose
+            failed members are left out.
         coordinate: "tip" for the transverse displacement x of the free end, or of `Pipe.tip_place`
             if the end is held; "path"; or the index of a coordinate, counted from 0.
         start: time from which motions are shown, in T, or in s with units="si", to leave out a
@@ -947,12 +947,12 @@ def checked_motions(
     """
     if isinstance(motions, Motion | LimitCycle | Basin):
         return [checked_motion(motions, name, start, units)], []
-    several: Any = motions
+    several: Any = motions.basins if isinstance(motions, Attractors) else motions
     failures = {}
     if isinstance(motions, Ensemble):
         several, failures = motions.motions, {one.index: one.error for one in motions.failures}
     if not isinstance(several, Sequence) or isinstance(several, str):
-        kinds = f"{others}a Motion, several of them or an Ensemble"
+        kinds = f"{others or 'Attractors, '}a Motion, several of them or an Ensemble"
         raise TypeError(f"{name} must be {kinds}, got {check.shown(motions)}")
     if not several:
         raise ValueError(f"{name} must hold at least one, got none")
