@@ -311,9 +311,7 @@ Pairs Structured::lowest(double u, Index count, bool left, bool high) {
   if (found && (good(*found) == count || traits.dof > dense_limit)) return *std::move(found);
   if (traits.dof > dense_limit)
     throw NotConverged(
-        "eigenvalues are too close to be told apart: with damping take a smaller count, or a model "
-        "of at most " +
-        std::to_string(dense_limit) + " degrees of freedom");
+        "eigenvalues are too close to be told apart: ask for fewer, or fewer segments");
   Pairs dense = Eigenproblem::lowest(u, count, left, high);
   return found && good(*found) >= good(dense) ? *std::move(found) : dense;
 }

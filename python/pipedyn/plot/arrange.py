@@ -17,17 +17,12 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib import layout_engine as engines
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
-from matplotlib.layout_engine import (
-    ConstrainedLayoutEngine,
-    LayoutEngine,
-    PlaceHolderLayoutEngine,
-    TightLayoutEngine,
-)
 from matplotlib.legend import Legend
 from matplotlib.text import Annotation, Text
 from matplotlib.transforms import ScaledTranslation
@@ -387,15 +382,12 @@ class _Arranger(Artist):
             engine.execute(figure)
             self.spaces = vars(figure.subplotpars).copy()
 
-    def engine(self) -> LayoutEngine | None:
+    def engine(self) -> engines.LayoutEngine | None:
         """What places the Axes: the figure's engine or else one of ours, if the user did not."""
         figure: Any = self.figure
-        given = figure.get_layout_engine()
-        if given is not None or vars(figure.subplotpars) not in (
-            vars(Figure().subplotpars),
-            self.spaces,
-        ):
-            return None if isinstance(given, PlaceHolderLayoutEngine) else given
+        given, untouched = figure.get_layout_engine(), (vars(Figure().subplotpars), self.spaces)
+        if given is not None or vars(figure.subplotpars) not in untouched:
+            return None if isinstance(given, engines.PlaceHolderLayoutEngine) else given
         specs = [spec for ax in figure.axes if (spec := ax.get_subplotspec()) is not None]
         outer = [spec.get_topmost_subplotspec().get_gridspec() for spec in specs]
         if {edge for one in outer for edge in (one.left, one.bottom, one.right, one.top)} != {None}:
@@ -403,7 +395,8 @@ class _Arranger(Artist):
         grids = [spec.get_gridspec() for spec in specs]
         ratios = [r for one in grids for r in (*one.get_height_ratios(), *one.get_width_ratios())]
         # A constrained layout divides by the ratios, which are 0 beside a colour bar of the user's.
-        return ConstrainedLayoutEngine() if min(ratios) > 0.0 else TightLayoutEngine()
+        constrained = min(ratios) > 0.0
+        return engines.ConstrainedLayoutEngine() if constrained else engines.TightLayoutEngine()
 
     def all_axes(self) -> list[Any]:
         """All Axes of the figure, colour bars too."""
