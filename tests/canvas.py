@@ -19,6 +19,11 @@ def axes(layout: str | None = None, **options: Any) -> Axes:
     return figure.subplots()
 
 
+def all_axes(figure: Figure) -> list[Axes]:
+    """Axes of a figure, followed by their colour bars."""
+    return [*figure.axes, *(bar for ax in figure.axes for bar in ax.child_axes)]
+
+
 def legend_of(ax: Axes) -> list[str]:
     """Texts of the legend."""
     return [text.get_text() for text in ax.get_legend().get_texts()]
@@ -56,7 +61,7 @@ def _curves(ax: Axes) -> tuple[list[Path], Any]:
 def overlaps(figure: Figure) -> list[str]:
     """What covers curves in the Axes, or other texts, in a figure that was drawn."""
     found, boxes = list[str](), list[tuple[Any, Any]]()
-    for ax in figure.axes:
+    for ax in all_axes(figure):
         texts: list[Artist] = [*_texts(ax)]
         if (legend := ax.get_legend()) is not None:
             texts.append(legend)
@@ -79,6 +84,6 @@ def overlaps(figure: Figure) -> list[str]:
 def small_letters(figure: Figure) -> list[str]:
     """Texts with letters below six points."""
     legends = [ax.get_legend() for ax in figure.axes]
-    texts = [text for ax in figure.axes for text in _texts(ax)]
+    texts = [text for ax in all_axes(figure) for text in _texts(ax)]
     texts += [text for legend in legends if legend is not None for text in legend.get_texts()]
     return [text.get_text() for text in texts if text.get_size() < 6.0]

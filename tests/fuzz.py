@@ -1638,7 +1638,7 @@ def _pictures() -> Iterator[Target]:
     top = optional(real((1.0, 9.0), -1.0))
     motion = of(MOTION)
     several = Kind(
-        one_of(MOTION, [MOTION], ENSEMBLE),
+        one_of(MOTION, [MOTION], ENSEMBLE, ENDS),
         any_of(*NOTHINGS, *WORDS, NONE, one_of(3, [], [3], PIPE)),
     )
     ends_or_motions = Kind(one_of(MOTION, [MOTION], ENSEMBLE), several.bad)

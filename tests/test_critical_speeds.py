@@ -95,6 +95,10 @@ def test_values_broadcast_as_numpy_does():
     assert {values.shape for values in table.values()} == {(6,)}
     assert table["beta"][4] == 0.4
     assert set(table["kind"]) == {"flutter"}
+    with pytest.raises(
+        ValueError, match=r"\(3,\) of 'beta', \(2,\) of 'gamma'; numpy.ix_ gives all"
+    ):
+        pp.critical_speeds(CHAIN, {"beta": betas[:, 0], "gamma": gammas})
 
 
 def test_a_pipe_without_loss_of_stability_is_no_failure():

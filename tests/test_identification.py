@@ -53,6 +53,17 @@ MEASURED = shown(TRUE)
 EVERY = ("bending_stiffness", "damping", "clamp_compliance")
 
 
+def test_a_pipe_that_flow_does_not_make_unstable_is_identified_without_a_critical_speed():
+    pipe = pp.Pipe(0.3, gamma=1e5)
+    first = pp.modes(pp.Continuum(pipe), 0.0, count=1).eigenvalues[0].imag
+    measured = [pp.Measurement("frequency", first, 0.01 * first)]
+    found = pp.identify(replace(pipe, gamma=6e4), measured, ["gamma"])
+    assert abs(found.values[0] - 1e5) < 0.02 * found.uncertainties[0]
+    assert math.isnan(found.critical_speed)
+    assert math.isnan(found.critical_speed_uncertainty)
+    assert found.warnings == ("no critical speed is predicted: no loss of stability up to u = 100",)
+
+
 def test_exact_measurements_give_the_numbers_back():
     found = pp.identify(GUESS, MEASURED, EVERY)
     truth = [EI, DAMPING_TIME, COMPLIANCE * LENGTH / EI]

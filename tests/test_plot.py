@@ -17,7 +17,6 @@ import pytest
 from canvas import axes, legend_of, overlaps, small_letters
 from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import pipedyn as pp
 from pipedyn import plot
@@ -823,11 +822,85 @@ def test_axes_that_were_placed_by_subplots_adjust_stay_there():
     assert overlaps(figure) == []  # legends are inside, as nothing makes room below
 
 
-def test_every_picture_gives_a_figure_without_layout_a_constrained_one():
+def test_every_picture_is_laid_out_in_a_figure_without_layout_as_in_a_constrained_one():
     for name, draw in of_the_hose().items():
-        ax = axes()
-        draw(ax=ax)
-        assert isinstance(ax.figure.get_layout_engine(), ConstrainedLayoutEngine), name
+        places = []
+        for layout in (None, "constrained"):
+            ax = axes(layout)
+            draw(ax=ax)
+            ax.figure.draw_without_rendering()
+            places.append(ax.get_position().bounds)
+        np.testing.assert_allclose(*places, atol=1e-9, err_msg=name)
+
+
+def four_panels():
+    """A figure as users have them, with bars, a legend and a title of ours."""
+    figure = plot.Figure(figsize=(7.0, 5.0))
+    FigureCanvasAgg(figure)
+    for ax, name in zip(figure.subplots(2, 2).flat, SHARING_A_FIGURE, strict=True):
+        of_the_hose()[name](ax=ax)
+    return figure
+
+
+SHARING_A_FIGURE = ("root_loci", "frequencies", "phase_portrait", "mode_shapes")
+SPACES = {"left": 0.12, "right": 0.88, "bottom": 0.12, "top": 0.92, "wspace": 0.9, "hspace": 0.5}
+
+
+@pytest.mark.parametrize("drawn_before", [False, True])
+def test_axes_may_be_adjusted_after_pictures_were_drawn_in_them(drawn_before):
+    figure = four_panels()
+    if drawn_before:
+        figure.canvas.draw()
+    usual = plot.Figure(figsize=(7.0, 5.0))
+    usual.subplots(2, 2)
+    for one in (figure, usual):
+        one.subplots_adjust(**SPACES)
+        one.canvas.draw()
+    assert overlaps(figure) == []
+    places = [[ax.get_position().bounds for ax in one.axes] for one in (figure, usual)]
+    np.testing.assert_allclose(*places, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "lay_out",
+    [
+        plot.Figure.tight_layout,
+        lambda figure: figure.set_layout_engine("tight"),
+        lambda figure: figure.set_layout_engine("constrained"),
+    ],
+)
+def test_a_layout_may_be_chosen_after_pictures_were_drawn(lay_out):
+    figure = four_panels()
+    lay_out(figure)
+    for _ in range(2):
+        figure.canvas.draw()
+        assert overlaps(figure) == []
+
+
+def test_a_figure_with_a_colour_bar_of_its_user_is_laid_out_and_may_be_adjusted():
+    figure = four_panels()
+    ax = figure.axes[2]
+    figure.colorbar(ax.scatter([0.0], [0.0], c=[1.0]), ax=ax, label="of the user")
+    for size in ((7.0, 5.0), (9.0, 6.0)):
+        figure.set_size_inches(size)
+        figure.canvas.draw()
+        assert overlaps(figure) == []
+    figure.subplots_adjust(**SPACES)
+    figure.canvas.draw()
+    assert figure.axes[0].get_position().x0 == SPACES["left"]
+
+
+def test_edges_of_a_grid_that_its_user_gave_stay():
+    figure = plot.Figure(figsize=(7.0, 5.0))
+    left, right = (
+        figure.add_subplot(figure.add_gridspec(1, 1, left=a, right=b)[0])
+        for a, b in ((0.1, 0.4), (0.65, 0.9))
+    )
+    plot.root_loci(LOCI, ax=left)
+    plot.frequencies(LOCI, ax=right)
+    figure.draw_without_rendering()
+    assert left.get_position().x0 == 0.1
+    assert right.get_position().x0 == 0.65
 
 
 def test_every_picture_with_a_legend_is_drawn_without_on_request():

@@ -39,6 +39,13 @@ def test_basins_show_where_each_start_ends():
     ax.figure.canvas.draw()
 
 
+@pytest.mark.parametrize("draw", [plot.phase_portrait, plot.time_history])
+def test_attractors_are_shown_as_the_motions_of_their_basins(draw):
+    ax, each = draw(found(), ax=axes()), draw([*found().basins], ax=axes())
+    for one, other in zip(ax.lines, each.lines, strict=True):
+        np.testing.assert_array_equal(one.get_xydata(), other.get_xydata())
+
+
 def test_equilibria_in_the_plane_are_marked():
     wide = replace(found(), plane=pp.StartPlane(np.linspace(-3, 3, 6), np.linspace(-3, 3, 6)))
     ax = plot.basins(wide, ax=axes())

@@ -168,7 +168,7 @@ def test_multipliers_outside_the_unit_circle_are_crosses():
 def test_multipliers_of_a_branch_are_coloured_by_speed():
     ax = rendered(plot.multipliers(BRANCH, ax=axes()))
     assert sum(len(one.get_offsets()) for one in ax.collections) == 15
-    assert len(ax.figure.axes) == 2
+    assert len(ax.child_axes) == 1
 
 
 def test_large_multipliers_do_not_hide_the_unit_circle():

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from canvas import axes
+from canvas import all_axes, axes
 
 import pipedyn as pp
 from pipedyn import plot
@@ -70,12 +70,11 @@ def test_speeds_along_branches_are_at_the_roots_of_these_speeds():
 @pytest.mark.parametrize("draw", [plot.root_loci, plot.frequencies])
 def test_eigenvalues_have_a_bar_for_their_colours_which_a_common_one_replaces(draw):
     ax = draw(LOCI, ax=axes())
-    own, bar = ax.figure.axes
-    assert own is ax
+    [bar] = ax.child_axes
     assert bar.get_ylabel() == (plot.SPEED_LABEL if draw is plot.root_loci else plot.REAL_LABEL)
     common = plot.colour_bar("common", ax=ax)
-    assert ax.figure.axes == [ax, common]
-    assert draw(LOCI, bar=False, ax=axes()).figure.axes[1:] == []
+    assert ax.child_axes == [common]
+    assert draw(LOCI, bar=False, ax=axes()).child_axes == []
 
 
 def test_curves_of_few_samples_pass_through_these_and_lie_close_to_many():
@@ -143,7 +142,7 @@ def test_a_bar_of_its_own_leaves_a_picture_its_place_in_a_figure_of_four(layout)
     for ax in four.flat:
         plot.frequencies(HOSE_LOCI, ax=ax)
     figure.draw_without_rendering()
-    boxes = [ax.get_window_extent() for ax in figure.axes]
+    boxes = [ax.get_window_extent() for ax in all_axes(figure)]
     assert len(boxes) == 8
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
     assert all(box.width > 0.25 * figure.bbox.width for box in boxes[:4])

@@ -116,7 +116,7 @@ def last_cycle(motion):
     return t[0] - np.ptp(t) / 15.0, t[-1]
 
 
-SEVERAL = "motions must be a Motion, several of them or an En"
+SEVERAL = "motions must be Attractors, a Motion, several of them or an En"
 COARSE = "must be sampled at least six times a cycle"
 NO_FILM = "path must end with .gif, .mp4 or .html and lie in a folder"
 
@@ -453,7 +453,7 @@ def test_snapshots_are_the_pipe_at_equal_steps_the_latest_darkest():
         s = np.linspace(0.0, 1.0, len(line))
         np.testing.assert_allclose(line, CHAIN.shape(run("decay").q[i], s), atol=1e-12)
     bar = plot.colour_bar(plot.TIME_LABEL, ax=ax)
-    assert ax.figure.axes == [ax, bar]
+    assert ax.child_axes == [bar]
 
 
 @pytest.mark.parametrize("name", ["cycle", "rest", "reduced"])

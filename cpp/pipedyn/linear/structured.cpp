@@ -309,7 +309,9 @@ Pairs Structured::lowest(double u, Index count, bool left, bool high) {
   // energy balance.
   if (found && !traits.damped) found->by_left.setZero();
   if (found && (good(*found) == count || traits.dof > dense_limit)) return *std::move(found);
-  if (traits.dof > dense_limit) throw NotConverged("eigenvalues are too close to be told apart");
+  if (traits.dof > dense_limit)
+    throw NotConverged(
+        "eigenvalues are too close to be told apart: ask for fewer, or fewer segments");
   Pairs dense = Eigenproblem::lowest(u, count, left, high);
   return found && good(*found) >= good(dense) ? *std::move(found) : dense;
 }

@@ -24,7 +24,13 @@ from pipedyn.linear.modes import (
     neutral_shape,
 )
 from pipedyn.linear.neutral import grows
-from pipedyn.linear.reach import LARGE_GRAVITY, LEAST_WITHIN, Reach, is_overdamped
+from pipedyn.linear.reach import (
+    LARGE_GRAVITY,
+    LEAST_WITHIN,
+    Reach,
+    is_overdamped,
+    modes_before_cluster,
+)
 from pipedyn.linear.rest import at_rest, rest_follows
 from pipedyn.linear.sensitivity import (
     Crossing,
@@ -686,14 +692,10 @@ class _Search:
             return
         if cheaper:
             self._track(some)
-        # A search for a few roots does not pass the cluster at -1 / delta, but the modes before it,
-        # with (delta omega)^2 < 0.9, may suffice. Four modes fewer are tracked, because the search
-        # also examines roots beyond the tracked ones.
-        delta = pipe.damping
-        before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else self.tracked
+        before = min(modes_before_cluster(pipe), self.tracked)
         fewer = max_speed / math.pi + 1.0 <= before < self.count // 2
         if fewer and (not fed or self._are_enough(before, modes)):
-            self._track(min(before, self.tracked), beyond=1)
+            self._track(before, beyond=1)
 
     def _track_reached(self, resolved: int, modes: Array | None) -> None:
         """Tracks only the modes of a continuous pipe that the flow reaches, if that is safe.

@@ -226,7 +226,8 @@ def _checked_values(model: AnyModel, numbers: Any) -> dict[str, Array]:
     except ValueError:
         shapes = ", ".join(f"{one.shape} of {name!r}" for name, one in given.items())
         raise ValueError(
-            f"numbers must broadcast against each other, got shapes {shapes}"
+            f"numbers must broadcast against each other, got shapes {shapes}; numpy.ix_ gives all "
+            "combinations"
         ) from None
     if math.prod(shape) > MOST_PIPES:
         raise ValueError(f"numbers must make at most {MOST_PIPES} pipes, got shape {shape}")

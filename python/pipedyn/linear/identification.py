@@ -190,7 +190,8 @@ class Identification(TableResult):
         condition: condition number of the derivatives by the logarithms of the unknowns, in units
             of the measurements' uncertainties.
         warnings: sentences to read before the estimates are used.
-        critical_speed: predicted flow speed at which the pipe loses stability, in m/s (u).
+        critical_speed: predicted flow speed at which the pipe loses stability, in m/s (u); NaN with
+            one of the `warnings` if none is found.
         critical_speed_uncertainty: standard deviation of that speed due to the uncertainties of the
             unknowns only.
         pipe: the pipe with the estimated numbers.
@@ -748,8 +749,12 @@ class _Problem:
         def onset(x: Array) -> Array:
             return self.predicted(x, size, [Measurement("critical_speed", 0.0, 1.0)])
 
-        speed = onset(x)
-        (by_x,) = self.slopes(onset, x, speed)
+        try:
+            speed = onset(x)
+            (by_x,) = self.slopes(onset, x, speed)
+        except PipedynError as error:  # the measurements may have told the unknowns without it
+            speed, by_x = np.full((2, x.size), math.nan)
+            warnings.append(f"no critical speed is predicted: {error}")
         of_onset = by_x[free] @ spread[np.ix_(free, free)] @ by_x[free]
         return Identification(
             unknowns=tuple(one.name for one in self.unknowns),

@@ -26,6 +26,15 @@ def is_overdamped(pipe: Pipe, mode: int) -> bool:
     return pipe.damping * (math.pi * mode) ** 2 > 2.0
 
 
+def modes_before_cluster(pipe: Pipe) -> int:
+    """Number of modes among whose roots a search for few does not meet the cluster at -1 / damping.
+
+    Their (damping omega)^2 is below 0.9, and four modes fewer count, as a search also examines
+    roots beyond those asked for.
+    """
+    return math.floor(math.sqrt(0.9 / max(pipe.damping, 1e-15)) / math.pi) - 4
+
+
 class Reach:
     """Bounds on what the flow and loads can do to a pipe, by which searches are planned.
 

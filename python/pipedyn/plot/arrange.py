@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Lines of labels, and free places for legends and words, found when a figure is drawn.
 
-Only then are the sizes of Axes known, since labels and legends of all others change them. What is
+Only then are the sizes of Axes known, since labels and legends of all others change them. A figure
+without a layout engine then gets a constrained layout, unless its user placed the Axes. What is
 covered is measured in pixels of what the Axes show.
 """
 
@@ -16,9 +17,11 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib import layout_engine as engines
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import RendererAgg
+from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.legend import Legend
 from matplotlib.text import Annotation, Text
@@ -271,9 +274,9 @@ class _Legend:
 
         Of the smallest letters the lowest legend is chosen, in which long entries are broken.
         """
-        found, figure = dict[tuple[float, int], float](), self.ax.figure.figure
+        found = dict[tuple[float, int], float]()
         # Without an engine nothing makes room below Axes.
-        low = LOW * cell_size(self.ax)[1] if figure.get_layout_engine() is not None else 0.0
+        low = LOW * cell_size(self.ax)[1] if _arranger(self.ax).engine() is not None else 0.0
         for size, columns in product(self.sizes, (4, 3, 2, 1)):
             self.change((size, columns), inside=False)
             if size == self.sizes[-1]:
@@ -349,30 +352,59 @@ class _Arranger(Artist):
         self.set(in_layout=False, zorder=-math.inf)
         self.labelled, self.sentences = list[Axes](), list[tuple[Axes, Text, float]]()
         self.legends, self.words = list[_Legend](), list[_Words]()
-        self.page = (0.0, 0.0)
+        self.page, self.spaces = (0.0, 0.0), dict[str, float]()
 
     def draw(self, renderer: Any) -> None:
         """Arranges until nothing changes the layout any more."""
         figure: Any = self.figure
-        if not self.get_visible():
-            return
+        whole = np.array_equal(figure.transFigure.transform((1.0, 1.0)), figure.bbox.size)
+        if not self.get_visible() or not (whole or self.page == (0.0, 0.0)):
+            return  # of a part that is saved all has its place
         self._forget()
         redraws, figure.stale_callback = figure.stale_callback, None  # what moves is drawn now
         resized, self.page = self.page != _page(figure), _page(figure)
+        if figure.get_layout_engine() is None:  # else it was laid out
+            self._lay_out()
         for _ in range(6):
-            for ax in figure.axes:
+            for ax in self.all_axes():
                 locator = ax.get_axes_locator()
                 ax.apply_aspect(locator and locator(ax, renderer))
             if not (self._break() or self._place(renderer) or resized):
                 break
             resized = False
-            if (engine := figure.get_layout_engine()) is not None:
-                engine.execute(figure)
+            self._lay_out()
         figure.stale_callback = redraws
+
+    def _lay_out(self) -> None:
+        """Has the Axes placed, if not by the user."""
+        if (engine := self.engine()) is not None:
+            figure: Any = self.figure
+            engine.execute(figure)
+            self.spaces = vars(figure.subplotpars).copy()
+
+    def engine(self) -> engines.LayoutEngine | None:
+        """What places the Axes: the figure's engine or else one of ours, if the user did not."""
+        figure: Any = self.figure
+        given, untouched = figure.get_layout_engine(), (vars(Figure().subplotpars), self.spaces)
+        if given is not None or vars(figure.subplotpars) not in untouched:
+            return None if isinstance(given, engines.PlaceHolderLayoutEngine) else given
+        specs = [spec for ax in figure.axes if (spec := ax.get_subplotspec()) is not None]
+        outer = [spec.get_topmost_subplotspec().get_gridspec() for spec in specs]
+        if {edge for one in outer for edge in (one.left, one.bottom, one.right, one.top)} != {None}:
+            return None
+        grids = [spec.get_gridspec() for spec in specs]
+        ratios = [r for one in grids for r in (*one.get_height_ratios(), *one.get_width_ratios())]
+        # A constrained layout divides by the ratios, which are 0 beside a colour bar of the user's.
+        constrained = min(ratios) > 0.0
+        return engines.ConstrainedLayoutEngine() if constrained else engines.TightLayoutEngine()
+
+    def all_axes(self) -> list[Any]:
+        """All Axes of the figure, colour bars too."""
+        return [one for ax in self.figure.axes for one in (ax, *ax.child_axes)]
 
     def _forget(self) -> None:
         """Forgets what was removed from the figure."""
-        known = set(self.figure.axes)
+        known = set(self.all_axes())
         self.labelled = [ax for ax in self.labelled if ax in known]
         self.sentences = [one for one in self.sentences if one[1].axes in known]
         self.legends = [one for one in self.legends if one.ax.get_legend() is one.legend]
@@ -380,10 +412,14 @@ class _Arranger(Artist):
 
     def _break(self) -> bool:
         """Breaks what is too long; returns whether anything was."""
-        broken = list[bool]()
+        broken, cells = list[bool](), dict[Any, Axes]()
+        if self.engine() is None:  # nothing makes room for more lines
+            placed = (ax for ax in self.figure.axes if ax.get_subplotspec() is not None)
+            cells = {one: ax for ax in placed for one in (ax, *ax.child_axes)}
         for ax in self.labelled:
             wide = ax.get_position(original=True).width * ax.figure.bbox.width  # at any aspect
-            rooms = {ax.xaxis.label: wide, ax.yaxis.label: ax.bbox.height, ax.title: wide}
+            wide, high = cell_size(cells[ax]) if ax in cells else (wide, ax.bbox.height)
+            rooms = {ax.xaxis.label: wide, ax.yaxis.label: high, ax.title: wide}
             broken += [wrap(text, room + 0.08 * ax.figure.dpi) for text, room in rooms.items()]
         broken += [wrap(text, share * ax.bbox.width) for ax, text, share in self.sentences]
         return any(broken)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from itertools import pairwise
 from typing import Any, Literal, cast
 
@@ -12,7 +12,6 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
-from matplotlib.figure import Figure
 from matplotlib.ticker import AutoLocator, SymmetricalLogLocator
 from numpy.typing import NDArray
 
@@ -125,12 +124,14 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     for one in shown:
         if one.colorbar is not None:  # of a picture that brought its own
             one.colorbar.remove()
-    look: dict[str, Any] = {"pad": 0.01, "aspect": 40}
+    look: dict[str, Any] = {"ax": every, "pad": 0.01, "aspect": 40}
+    if len(every) == 1:  # in any layout then, this bar follows its Axes
+        look = {"cax": every[0].inset_axes((1.01, 0.0, 0.025, 1.0))}
     if isinstance(shown[0].norm, SymLogNorm):
-        look["ticks"] = SymmetricalLogLocator(base=10, linthresh=1.0, subs=(1.0, 3.0))
+        subs = (1.0, 3.0) if abs(shown[0].norm.vmax or 0.0) < 10.0 else (1.0,)  # else they collide
+        look["ticks"] = SymmetricalLogLocator(base=10, linthresh=1.0, subs=subs)
         look["format"] = "{x:g}"
-    beside = every if len(every) > 1 else every[0]  # tight layout knows a bar beside one
-    bar = every[0].figure.colorbar(shown[0], ax=beside, label=label, **look)
+    bar = every[0].figure.colorbar(shown[0], label=label, **look)
     bar.minorticks_off()
     arrange.keep_within(bar.ax)
     return cast("Axes", bar.ax)
@@ -140,8 +141,6 @@ def axes(ax: Any, size: tuple[float, float], *, in_space: bool = False, **labels
     """The given Axes, or those of a new figure of pyplot with a size in inches, with labels set.
 
     The new figure has the size in the settings of matplotlib if `style` or the user set one there.
-    A figure without a layout engine gets one, since artists beside the Axes would be cut off,
-    unless `subplots_adjust` placed its Axes.
     Raises ValueError for Axes in a plane for a picture in space, or the other way round.
     """
     if ax is None:
@@ -150,18 +149,12 @@ def axes(ax: Any, size: tuple[float, float], *, in_space: bool = False, **labels
         usual, given = (
             one["figure.figsize"] for one in (matplotlib.rcParamsDefault, matplotlib.rcParams)
         )
-        figure = plt.figure(figsize=size if given == usual else given, layout="constrained")
+        figure = plt.figure(figsize=size if given == usual else given)
         ax = figure.add_subplot(projection="3d" if in_space else None)
     chosen: Axes = check.instance("ax", ax, Axes)
     if (chosen.name == "3d") != in_space:
         rule = "have" if in_space else "not have"
         raise ValueError(f"ax must {rule} projection='3d' for this picture, got {check.shown(ax)}")
-    placed = chosen.get_subplotspec() is not None  # layout engines leave other Axes alone
-    if placed and isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
-        as_usual = vars(chosen.figure.subplotpars) == vars(Figure().subplotpars)
-        with suppress(RuntimeError):  # a colour bar was placed without a layout engine
-            if as_usual:  # else the user placed the Axes with `subplots_adjust`
-                chosen.figure.set_layout_engine("constrained")
     chosen.set(**labels)
     arrange.keep_within(chosen)
     for axis in (chosen.xaxis, chosen.yaxis):

@@ -40,7 +40,7 @@ from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from numpy.typing import ArrayLike
 
-from pipedyn.attraction.attractors import Basin
+from pipedyn.attraction.attractors import Attractors, Basin
 from pipedyn.cycles.limit_cycle import LimitCycle
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, LEAST_MOTION, coarse
@@ -72,7 +72,7 @@ Shown: TypeAlias = Sampled | Basin
 
 
 def time_history(
-    motions: Shown | Sequence[Shown] | Ensemble,
+    motions: Shown | Sequence[Shown] | Attractors | Ensemble,
     *,
     start: float | None = None,
     units: Units = "nondimensional",
@@ -85,9 +85,9 @@ def time_history(
     shown as dots. The title says where a mean cycle has fewer than ten samples.
 
     Args:
-        motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
-            members are left out. Between samples, cubics through positions and velocities are
-            shown.
+        motions: one or several motions, limit cycles or basins, attractors, or an ensemble, whose
+            failed members are left out. Between samples, cubics through positions and velocities
+            are shown.
         start: time from which motions are shown, in T, or in s with units="si", to leave out a
             transient; all if not given.
         units: "nondimensional", or "si" if the pipe has scales.
@@ -116,7 +116,7 @@ def time_history(
 
 
 def phase_portrait(
-    motions: Shown | Sequence[Shown] | Ensemble,
+    motions: Shown | Sequence[Shown] | Attractors | Ensemble,
     coordinate: Literal["tip", "path"] | int = "tip",
     *,
     start: float | None = None,
@@ -133,8 +133,8 @@ def phase_portrait(
     says where a mean cycle has fewer than ten samples.
 
     Args:
-        motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
-            members are left out.
+        motions: one or several motions, limit cycles or basins, attractors, or an ensemble, whose
+            failed members are left out.
         coordinate: "tip" for the transverse displacement x of the free end, or of `Pipe.tip_place`
             if the end is held; "path"; or the index of a coordinate, counted from 0.
         start: time from which motions are shown, in T, or in s with units="si", to leave out a
@@ -564,7 +564,8 @@ class Film(FuncAnimation):
                 ax.set_axis_off()
             raw.seek(0)
             picture = figure.figimage(imread(raw), zorder=-1.0)
-            _end_layout(figure)
+            with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+                figure.set_layout_engine(None)  # with "none" each frame would be drawn twice
             yield
         finally:
             if picture is not None:
@@ -648,7 +649,8 @@ def animate(
     frames = _frames(unit * (end - start), unit * (finish - begin), fps, speed, scale.time_unit)
     own = ax is None
     if ax is None:
-        ax = Figure(figsize=(4.0, 4.6), layout="constrained").add_subplot(
+        none: Any = "none"  # whatever the settings of matplotlib say
+        ax = Figure(figsize=(4.0, 4.6), layout=none).add_subplot(
             projection="3d" if view == "space" else None
         )
     figure = common.axes(ax, (4.0, 4.6), in_space=view == "space").figure.figure
@@ -687,7 +689,7 @@ def animate(
     figure.draw_without_rendering()
     text.set_position(title.get_position())
     if own:  # one layout for all frames: they are then equally large
-        _end_layout(figure)
+        figure.subplots_adjust(*ax.get_position(original=True).extents)
     film = Film(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
     film.fps, film.repeats, film.frames, film.progress = fps, cycle, frames, shown
     film.moving = [one for one in (trace, pipe, flow, text) if one is not None]
@@ -703,12 +705,6 @@ def _not_holding(moving: Sequence[Artist], whole: Artist) -> Iterator[Artist]:
             yield from _not_holding(moving, part)
         elif part not in moving:
             yield part
-
-
-def _end_layout(figure: Figure) -> None:
-    """Keeps the axes of a figure where they are."""
-    with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
-        figure.set_layout_engine(None)  # with "none", matplotlib would draw each frame twice
 
 
 def _checked_path(path: Any) -> Path:
@@ -951,12 +947,12 @@ def checked_motions(
     """
     if isinstance(motions, Motion | LimitCycle | Basin):
         return [checked_motion(motions, name, start, units)], []
-    several: Any = motions
+    several: Any = motions.basins if isinstance(motions, Attractors) else motions
     failures = {}
     if isinstance(motions, Ensemble):
         several, failures = motions.motions, {one.index: one.error for one in motions.failures}
     if not isinstance(several, Sequence) or isinstance(several, str):
-        kinds = f"{others}a Motion, several of them or an Ensemble"
+        kinds = f"{others or 'Attractors, '}a Motion, several of them or an Ensemble"
         raise TypeError(f"{name} must be {kinds}, got {check.shown(motions)}")
     if not several:
         raise ValueError(f"{name} must hold at least one, got none")
