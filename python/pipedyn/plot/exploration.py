@@ -52,7 +52,7 @@ from pipedyn.plot.stability_map import STABLE
 from pipedyn.plot.units import Measure, PlaneView, Units, View
 from pipedyn.util import check
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.errors import PipedynError
+from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.result import speed_in_si
 
 MOST_SEGMENTS = 20
@@ -399,7 +399,7 @@ class Exploration:
 def _critical_or_none(model: Chain) -> CriticalSpeed | None:
     try:
         return critical_speed(model, MAX_SPEED)
-    except NoCrossing:
+    except (NoCrossing, NotConverged):
         return None
 
 
