@@ -335,7 +335,10 @@ class Exploration:
         lost = self.critical
         if lost is None or lost.stable_from is None:
             end = MAX_SPEED if lost is None else self.sliders["u"][1]
-            ranges = stable_speeds(self.model, crossings(self.model, end), end)
+            try:
+                ranges = stable_speeds(self.model, crossings(self.model, end), end)
+            except NotConverged as failure:
+                return f"Where it is stable is not known: {failure}."
             if lost is None and ranges == ((0.0, end),):
                 return f"No loss of stability up to u = {end:g}."
             parts = [f"from u = {self._text(low)} to {self._text(high)}" for low, high in ranges]
