@@ -337,7 +337,7 @@ class Model(OfPipe, ABC):
         Recursions find roots at zero by exact zeros; dense matrices do not need them.
         """
         pipe = self._pipe
-        return pipe.fed_at_rest and pipe.gamma == 0.0 and 0.0 in self.elastic_share
+        return pipe.gamma == 0.0 and pipe.fed_at_rest and 0.0 in self.elastic_share
 
     @property
     def resolved_modes(self) -> int:

@@ -105,7 +105,7 @@ class SegmentModel(Model):
         return bool(guided or pipe.terms or pipe.stiffness or pipe.mass) or not self.linear_cost
 
     def pencil(self) -> Pencil:
-        by_recursion = self.linear_cost and not self.hides_turn
+        by_recursion = self.linear_cost and not (self._pipe.terms and self.hides_turn)
         return ChainPencil(self) if by_recursion else DensePencil(self)
 
     def _unconstrained(self, theta: Array) -> Operators:
