@@ -603,3 +603,16 @@ def test_a_jet_without_equilibria_that_are_found_says_so_or_finds_one():
     """Of 300 jets, twenty had none among the first starts, and a message about a shape."""
     found = pp.equilibria(pp.Chain(pp.Pipe(0.09, jet_angle=0.3), 2), 12.5)
     assert len(found) >= 1
+
+
+@pytest.mark.parametrize("u", [0.0, 4.0])
+@pytest.mark.parametrize("make", [pp.Chain, pp.Galerkin], ids=["chain", "beam functions"])
+def test_a_hinged_pipe_that_nothing_turns_rests_at_all_angles_which_count_once(make, u):
+    """K is singular there, and each start would be led to an angle of its own."""
+    model = make(pp.Pipe(0.6, damping=0.01, root="pinned"), 6)
+    found = pp.equilibria(model, u)
+    assert np.abs(found.q).max() < 1e-9
+    assert found.stable.tolist() == [True]
+    assert found.complete is False
+    diagram = pp.bifurcation_diagram(model, [3.0, 4.0])
+    assert len(diagram.equilibria) == 1

@@ -151,6 +151,14 @@ def test_the_report_and_the_map_say_at_which_speeds_the_pipe_is_stable(pipe, u, 
         assert marked or not np.isnan(ranges[i, 0]) or not any(stable)
 
 
+def test_a_pipe_of_which_nobody_knows_where_it_is_stable_is_shown():
+    """A follower force makes it grow at rest, without damping."""
+    state = plot.Exploration(pp.Pipe(0.3, terms=[pp.FollowerForce(1.0, 26.0)]), 6)
+    assert state.critical is None
+    assert state.report[1].startswith("Where it is stable is not known: the pipe is unstable at")
+    assert np.isnan(state.stable_speeds).all()
+
+
 def test_a_pipe_that_never_loses_stability_is_stable_at_all_speeds_shown():
     state = plot.Exploration(pp.Pipe(0.2), 1)  # one segment does not flutter
     assert state.critical is None

@@ -150,6 +150,15 @@ def test_no_time_is_told_before_there_is_a_pace_and_shares_never_fall(terminal, 
     assert [line.split()[1] for line in others] == ["30", "30", "30", "99", "100"]
 
 
+def test_a_first_step_that_is_nearly_nothing_is_no_pace(terminal, clock):
+    """Followed curves begin with steps far smaller than later ones: 0.4 s of 1e-6 was 111 h."""
+    with module.Progress("work", True) as progress:
+        for share in (1e-6, 0.5):
+            clock.now += 0.4
+            progress.to(share)
+    assert lines(terminal)[:2] == ["work: 0 %", "work: 50 %, about 0:01 left"]
+
+
 def test_progress_is_written_ten_times_a_second_at_most(terminal, clock):
     for _ in module.track(range(1000), 1000, "work", True):
         clock.now += 0.001

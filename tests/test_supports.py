@@ -271,6 +271,56 @@ def test_a_hinged_pipe_without_weight_turns_freely_at_any_speed():
         assert abs(series_newton_step(pipe, value, found.speed)) < 1e-5 * abs(value)
 
 
+def speeds_of_slow_turns(model, speeds):
+    """Speeds at which a root passes zero beside the free turn t: det of K with a column C t."""
+    ops = model.operators()
+    turn = np.linalg.svd(ops.stiffness)[2][-1]
+    column = np.abs(turn).argmax()
+
+    def determinant(u):
+        _, velocity, stiffness = ops.at(u)
+        stiffness[:, column] = velocity @ turn
+        return np.linalg.det(stiffness)
+
+    signs = np.sign([determinant(u) for u in speeds])
+    places = np.flatnonzero(signs[1:] != signs[:-1])
+    return [brentq(determinant, speeds[k], speeds[k + 1], xtol=1e-13) for k in places]
+
+
+OUTSIDE = pp.ExternalFlow(1.0, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("make", "term"),
+    [
+        (lambda pipe: pp.Chain(pipe, 5), pp.FollowerForce(0.5, 1.0)),
+        (lambda pipe: pp.Galerkin(pipe, 6, "legendre"), pp.FollowerForce(0.5, 1.0)),
+        (lambda pipe: pp.Galerkin(pipe, 6, "legendre"), OUTSIDE),  # grows by 2e-4 at most
+        (lambda pipe: pp.Galerkin(pipe, 7, "legendre"), OUTSIDE),  # touches zero, below it
+        (lambda pipe: pp.Chain(pipe, 5), OUTSIDE),
+    ],
+)
+@pytest.mark.parametrize("damping", [0.0, 0.01])
+def test_a_hinged_pipe_turns_freely_under_forces_that_follow_it(make, term, damping):
+    """Their moments about the hinge cancel, if only to rounding."""
+    model = make(pp.Pipe(0.6, damping=damping, root="pinned", terms=[term]))
+    assert np.abs(pp.eigenvalues(model, 1.0, 2)[0]) < 1e-6
+    found = pp.crossings(model, 8.0)
+    slow = [one.speed for one in found if one.kind == "divergence"]
+    np.testing.assert_allclose(
+        slow, speeds_of_slow_turns(model, np.linspace(0.5, 8.0, 751)), rtol=1e-7
+    )
+
+
+def test_a_slow_root_beside_a_free_turn_is_seen_to_pass_zero():
+    """It grows so slowly with the flow that it has no sign at the next samples."""
+    pipe = pp.Pipe(1e-8, alpha=0.18, terms=[pp.RotationalDamper(0.5, 0.004)], root="pinned")
+    model = pp.Galerkin(pipe, 5, "legendre")
+    found = pp.critical_speed(model)
+    (expected,) = speeds_of_slow_turns(model, np.linspace(7.0, 9.0, 200))
+    assert (found.kind, found.speed) == ("divergence", pytest.approx(expected, rel=1e-9))
+
+
 def test_a_root_spring_leads_from_the_hinge_to_the_clamp():
     def lowest(root):
         return pp.eigenvalues(pp.Continuum(pp.Pipe(0.3, 6.0, root=root)), 3.0, 2)[0]

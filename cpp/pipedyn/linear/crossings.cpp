@@ -277,25 +277,27 @@ class Search {
 
   /// Finds the states, at the right end of a step, of the left sample's roots. A root that passes
   /// zero at a divergence shows by the sign of a real root; otherwise it is the slowest root
-  /// without a sign, whose state follows from K.
+  /// without a sign, whose state follows from K, or beside a free turn from its state before.
   void states_after(const Step& step, Flags& after) const {
     states(*step.right, step.onto, unstable_, after);
     const Divergence* const zero = passed(step);
-    if (zero == nullptr || traits_.is_hysteretic() || zero->change() == 0) return;
+    if (zero == nullptr || traits_.is_hysteretic()) return;
+    const bool beside_turn = zero->pair.right.size() == 0 && zero->multiplicity == 1;
+    if (zero->change() == 0 && !beside_turn) return;
     const bool grows = zero->change() > 0;
     Index slowest = -1;
     for (Index i = 0; i < step.left->size(); ++i) {
       const Index j = step.onto[i];
       if (step.end(i).imag() != 0.0) continue;
       if (has_sign(*step.right, j)) {
-        if (after[i] != unstable_[i] && (after[i] != 0) == grows) return;
+        if (after[i] != unstable_[i] && (beside_turn || (after[i] != 0) == grows)) return;
         continue;
       }
       const double size = magnitude(step.end(i));
       if (size <= step.right->noise[j]) continue;  // a root that stays at zero
       if (slowest < 0 || size < magnitude(step.end(slowest))) slowest = i;
     }
-    if (slowest >= 0) after[slowest] = grows;
+    if (slowest >= 0) after[slowest] = beside_turn ? !unstable_[slowest] : grows;
   }
 
   /// Number of unstable roots among the resolved modes of a sample.

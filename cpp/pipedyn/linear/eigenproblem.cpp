@@ -656,6 +656,16 @@ std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, do
     break;
   }
   std::ranges::sort(found, {}, &Divergence::speed);
+  for (std::size_t i = 1; i < found.size();) {  // where a root only touches zero, it has two
+    const double apart = found[i].speed - found[i - 1].speed;
+    if (!(apart < same_speed * (1.0 + found[i].speed))) {
+      ++i;
+      continue;
+    }
+    found[i - 1].error += apart;
+    ++found[i - 1].multiplicity;
+    found.erase(found.begin() + static_cast<std::ptrdiff_t>(i));
+  }
   return found;
 }
 

@@ -175,8 +175,8 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     as many further starts lead to no more equilibria, and the equilibria found agree with the
     degree of the equations: elastic forces grow without bound and all others do not, so the signs
     of det K over all equilibria add up to 1. For a pipe on a free hinge, whole turns about it count
-    once and the signs add up to 0. A pair of opposite signs to which no start leads would be
-    missed.
+    once and the signs add up to 0; if no force opposes turns, all angles count once. A
+    pair of opposite signs to which no start leads would be missed.
 
     In other pipes starts are bent by half a radian to one and a half turns, in all mixtures of the
     first three or four modes, and in the shapes in which the straight pipe buckles at that speed.
@@ -329,10 +329,8 @@ class Statics(BranchOfRest):
         derivative = self.jacobian(xs, u)
         try:
             found = np.linalg.solve(derivative, -residuals[:, :, None])
-        except np.linalg.LinAlgError:  # with a shift, rows that are not singular go on
-            shift = 1e-12 * (1.0 + np.abs(derivative).max())
-            shifted = derivative + shift * np.eye(self.size)
-            found = np.linalg.solve(shifted, -residuals[:, :, None])
+        except np.linalg.LinAlgError:  # the shortest step of those that a free turn leaves
+            found = np.linalg.pinv(derivative, 1e-13) @ -residuals[:, :, None]
         return np.asarray(found[:, :, 0])
 
     def at_rest(self, rest: Array, x: Array, p: float) -> tuple[Array, Array]:
@@ -429,11 +427,20 @@ class Statics(BranchOfRest):
         energies = self.model.energy(np.concatenate([both, np.zeros_like(both)], axis=1).T)
         return turn if np.ptp(energies) <= 1e-9 * (1.0 + abs(self.plane.pipe.gamma)) else None
 
+    @cached_property
+    def turns_freely(self) -> bool:
+        """Whether no force opposes a turn about a hinge, so that all angles are alike."""
+        turn = self.whole_turn
+        aside = None if turn is None else self.resting + 0.1 * turn
+        return aside is not None and max(self.unbalanced(aside, u) for u in (0.0, 1.0)) <= BALANCED
+
     def unwound(self, x: Array) -> Array:
-        """The configuration x without whole turns about a hinge at the root."""
+        """The configuration x without whole turns about a hinge at the root, or without any."""
         turn = self.whole_turn
         if turn is None:
             return x
+        if self.turns_freely:
+            return x - turn * float(x @ turn) / float(turn @ turn)
         # A mean angle of pi or -pi becomes -pi, as rounding may not tell them apart.
         return x - turn * math.floor(float(x @ turn) / float(turn @ turn) + 0.5 + 1e-9)
 

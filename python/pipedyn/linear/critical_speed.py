@@ -424,10 +424,11 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Plan:
     bent = not pipe.rests_straight and rest_follows(model)
     undamped = pipe.fed_at_rest and not (pipe.damping or pipe.hysteresis or model.resisted)
     if undamped and not bent and (growing := unstable_at_rest(model)):
-        raise NoCrossing(
-            f"the pipe flutters at rest, where {check.how_many(growing, 'root')} grow; without "
-            "damping no crossings are told from there on",
-            max_speed,
+        raise NotConverged(
+            f"the pipe is unstable at rest, where forces that follow it make "
+            f"{check.how_many(growing, 'root')} grow; without damping no crossings are told from "
+            "there on",
+            (),
         )
     solved: list[AnyModel] = [model]
     if is_weakly_damped(pipe) and not model.resisted:

@@ -335,6 +335,15 @@ class Model(OfPipe, ABC):
         return np.ones(self.dof)
 
     @property
+    def hides_turn(self) -> bool:
+        """Whether a turn may be free in which moments of a follower force cancel by rounding only.
+
+        Recursions find roots at zero by exact zeros; dense matrices do not need them.
+        """
+        pipe = self._pipe
+        return pipe.gamma == 0.0 and pipe.fed_at_rest and 0.0 in self.elastic_share
+
+    @property
     def resolved_modes(self) -> int:
         """Number of lowest modes to track: all, or those that approximate the pipe's."""
         return self.dof

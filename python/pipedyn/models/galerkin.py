@@ -284,8 +284,9 @@ class Galerkin(MeetsSupports, Model):
         return FreeFunctions(self.core, self._held, self._basis == "beam")
 
     def pencil(self) -> Pencil:
-        straight = self._reference is None and self._pipe.rests_straight
-        if self._basis == "legendre" and straight and _core.PanelPencil.fits(self.core):
+        pipe = self._pipe
+        by_panels = self._basis == "legendre" and self._reference is None and pipe.rests_straight
+        if by_panels and not (pipe.terms and self.hides_turn) and _core.PanelPencil.fits(self.core):
             return PanelPencil(self)
         return DensePencil(self)
 

@@ -105,7 +105,8 @@ class SegmentModel(Model):
         return bool(guided or pipe.terms or pipe.stiffness or pipe.mass) or not self.linear_cost
 
     def pencil(self) -> Pencil:
-        return ChainPencil(self) if self.linear_cost else DensePencil(self)
+        by_recursion = self.linear_cost and not (self._pipe.terms and self.hides_turn)
+        return ChainPencil(self) if by_recursion else DensePencil(self)
 
     def _unconstrained(self, theta: Array) -> Operators:
         """Operators in the segments' angles, without what holds nodes or acts at the joints."""

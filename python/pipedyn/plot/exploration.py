@@ -52,7 +52,7 @@ from pipedyn.plot.stability_map import STABLE
 from pipedyn.plot.units import Measure, PlaneView, Units, View
 from pipedyn.util import check
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.errors import PipedynError
+from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.result import speed_in_si
 
 MOST_SEGMENTS = 20
@@ -335,7 +335,10 @@ class Exploration:
         lost = self.critical
         if lost is None or lost.stable_from is None:
             end = MAX_SPEED if lost is None else self.sliders["u"][1]
-            ranges = stable_speeds(self.model, crossings(self.model, end), end)
+            try:
+                ranges = stable_speeds(self.model, crossings(self.model, end), end)
+            except NotConverged as failure:
+                return f"Where it is stable is not known: {failure}."
             if lost is None and ranges == ((0.0, end),):
                 return f"No loss of stability up to u = {end:g}."
             parts = [f"from u = {self._text(low)} to {self._text(high)}" for low, high in ranges]
@@ -399,7 +402,7 @@ class Exploration:
 def _critical_or_none(model: Chain) -> CriticalSpeed | None:
     try:
         return critical_speed(model, MAX_SPEED)
-    except NoCrossing:
+    except (NoCrossing, NotConverged):
         return None
 
 

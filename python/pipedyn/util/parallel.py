@@ -46,6 +46,9 @@ LINES_OF_PACE = 20
 LONGEST_LEFT = 1e6
 """Longest time left that is told, in s: a slower pace is none."""
 
+LEAST_DONE = 1e-3
+"""Least share of which the pace says something: first steps may be far smaller than later ones."""
+
 _lock = threading.Lock()
 _inside = 0
 _before: list[int] = []
@@ -182,7 +185,8 @@ class Progress:
         self.marks.append((now, self.share))
         gained = self.share - before
         left = (1.0 - self.share) * (now - then) / gained if gained > 0.0 else math.inf
-        told = f", about {clock_face(left)} left" if left < LONGEST_LEFT else ""
+        paced = self.share >= LEAST_DONE and left < LONGEST_LEFT
+        told = f", about {clock_face(left)} left" if paced else ""
         self._write(min(math.floor(100.0 * self.share), 99), told)
 
     def steps(self, every: Iterable[Item], share: Callable[[Item], float]) -> Iterator[Item]:
