@@ -236,8 +236,8 @@ namespace {
 /// Number of places after each stage, or the start, up to the next stage at which `unseen` looks:
 /// with one between stages, a tenth of the motions that graze a stop were wrong. The last place is
 /// the stage itself, whose rates are asked again if Newton's method ended with its first iteration:
-/// it then saw those of predicted stages, which may not have been in contact. Without that a tenth
-/// of the motions that graze a stop were wrong, with it none of 3000.
+/// it then saw those of predicted stages, which may not have been in contact. Without that 215
+/// of 3000 motions that graze a stop were wrong by more than 600 tolerances, with it one.
 constexpr Index places = 4;
 
 /// Weights of the stages in the changes and the slopes, times h, at a place up to each stage.
