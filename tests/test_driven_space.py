@@ -18,6 +18,7 @@ from test_applied_force import assert_states_of_a_batch_have_own_forces, driven
 import pipedyn as pp
 from pipedyn.attraction.motion_ends import Case
 from pipedyn.linear.rest import at_rest
+from pipedyn.models.space import nearest_plane
 from pipedyn.motion.vector_field import Excitation, ForcedField
 
 PIPE = pp.Pipe(0.3, 7.0, damping=0.02, drag=0.4, terms=[pp.Spring(0.6, 5.0)])
@@ -114,6 +115,17 @@ def test_derivatives_and_batches_of_forces_are_right(kind, name):
     largest = np.abs(found).max()
     np.testing.assert_allclose(found, np.stack(columns, axis=1), atol=1e-6 * largest)
     assert_states_of_a_batch_have_own_forces(forced, y, drive)
+
+
+@pytest.mark.parametrize("turn", [1.0, 1j])
+def test_the_nearest_plane_is_that_of_the_largest_singular_value(turn):
+    random = np.random.default_rng(2)
+    x, z = random.normal(size=(2, 6, 5)) + (turn.imag * 1j) * random.normal(size=(2, 6, 5))
+    for azimuth, a, b in zip(nearest_plane(x, z), x, z, strict=True):
+        rows = np.stack([np.append(a.real, a.imag), np.append(b.real, b.imag)])
+        way = np.linalg.svd(rows)[0][:, 0]
+        assert abs(way @ (math.cos(azimuth), math.sin(azimuth))) == pytest.approx(1.0)
+    assert nearest_plane(np.zeros(2), np.array([0.0, 3.0])) == pytest.approx(math.pi / 2.0)
 
 
 DIRECTIONS = {"z": "z", "y": "y", "oblique": (1.0, -0.5, 2.0), "circle": (1.0, 0.0, -1j)}
