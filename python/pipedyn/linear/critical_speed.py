@@ -689,10 +689,10 @@ class _Search:
             return
         if cheaper:
             self._track(some)
-        before = min(self.reach.before_cluster(), self.tracked)
+        before = self.reach.before_cluster() if pipe.damping else self.tracked
         fewer = max_speed / math.pi + 1.0 <= before < self.count // 2
         if fewer and (not fed or self._are_enough(before, modes)):
-            self._track(before, beyond=1)
+            self._track(min(before, self.tracked), beyond=1)
 
     def _track_reached(self, resolved: int, modes: Array | None) -> None:
         """Tracks only the modes of a continuous pipe that the flow reaches, if that is safe.
