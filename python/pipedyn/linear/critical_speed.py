@@ -24,13 +24,7 @@ from pipedyn.linear.modes import (
     neutral_shape,
 )
 from pipedyn.linear.neutral import grows
-from pipedyn.linear.reach import (
-    LARGE_GRAVITY,
-    LEAST_WITHIN,
-    Reach,
-    is_overdamped,
-    modes_before_cluster,
-)
+from pipedyn.linear.reach import LARGE_GRAVITY, LEAST_WITHIN, Reach, is_overdamped
 from pipedyn.linear.rest import at_rest, rest_follows
 from pipedyn.linear.sensitivity import (
     Crossing,
@@ -693,10 +687,10 @@ class _Search:
             return
         if cheaper:
             self._track(some)
-        before = min(modes_before_cluster(pipe), self.tracked)
+        before = self.reach.before_cluster() if pipe.damping else self.tracked
         fewer = max_speed / math.pi + 1.0 <= before < self.count // 2
         if fewer and (not fed or self._are_enough(before, modes)):
-            self._track(before, beyond=1)
+            self._track(min(before, self.tracked), beyond=1)
 
     def _track_reached(self, resolved: int, modes: Array | None) -> None:
         """Tracks only the modes of a continuous pipe that the flow reaches, if that is safe.

@@ -31,7 +31,7 @@ from pipedyn.linear.modes import (
     feeds_every_mode,
     largest_speed,
 )
-from pipedyn.linear.reach import Reach, is_overdamped, modes_before_cluster
+from pipedyn.linear.reach import Reach, is_overdamped
 from pipedyn.linear.rest import BranchOfRest, at_rest, lost_rest, rest_follows
 from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.base import Model
@@ -606,8 +606,8 @@ def _loci_about(problem: Eigenproblem, speeds: Array, count: int, shown: bool) -
     # delta, and only a computation of all roots finds them.
     overdamped = is_overdamped(problem.pipe, count)
     spectrum, every = problem.spectrum(), 2 * problem.dof
-    size, before = every if overdamped else 2 * count + 16, modes_before_cluster(problem.pipe)
-    if count < before:
+    size = every if overdamped else 2 * count + 16
+    if count < (before := Reach(problem.pipe).before_cluster()):
         size = min(size, 2 * before)
     with Progress("root loci", shown and speeds.size > 1) as progress:
         total, done = speeds.size - 1, itertools.count(1)

@@ -26,15 +26,6 @@ def is_overdamped(pipe: Pipe, mode: int) -> bool:
     return pipe.damping * (math.pi * mode) ** 2 > 2.0
 
 
-def modes_before_cluster(pipe: Pipe) -> int:
-    """Number of modes among whose roots a search for few does not meet the cluster at -1 / damping.
-
-    Their (damping omega)^2 is below 0.9, and four modes fewer count, as a search also examines
-    roots beyond those asked for.
-    """
-    return math.floor(math.sqrt(0.9 / max(pipe.damping, 1e-15)) / math.pi) - 4
-
-
 class Reach:
     """Bounds on what the flow and loads can do to a pipe, by which searches are planned.
 
@@ -62,6 +53,14 @@ class Reach:
         least = 1.0 if pipe.stiffness is None else pipe.stiffness.bounds[0]
         self.softness = math.sqrt(min(1.0, least))
         self.thrust = max(pipe.alpha, 1.0)
+
+    def before_cluster(self) -> int:
+        """Number of modes among whose roots a search for few meets no cluster at -1 / damping.
+
+        Their (damping omega)^2 is below 0.9, and four modes fewer count, as a search also examines
+        roots beyond those asked for.
+        """
+        return math.floor(math.sqrt(0.9 / max(self.pipe.damping, 1e-15)) / math.pi) - 4
 
     def speed_scale(self, large_gravity: float = LARGE_GRAVITY) -> float:
         """Flow speed with the effect on the pipe that u = 1 has on a light pipe without supports.
