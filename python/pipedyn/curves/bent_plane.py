@@ -20,7 +20,7 @@ import scipy
 
 from pipedyn.linear.bent_crossings import SearchOfRest
 from pipedyn.linear.neutral import grows
-from pipedyn.linear.plane import ON_EDGE, SAMPLES, Matrices, Plane
+from pipedyn.linear.plane import ON_EDGE, SAMPLES, Matrices, Plane, times
 from pipedyn.linear.rest import SAME_REST, BranchOfRest, lost_rest
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged
@@ -55,8 +55,6 @@ class BentPlane(Plane):
 
     The arguments are those of `Plane`; `planes` has both kinds of motion.
     """
-
-    exact = False
 
     exact, across, conservative = False, False, False
 
@@ -204,8 +202,10 @@ class BentPlane(Plane):
         at = self.settled(at)
         _, by = self._balance(at)
         moved = np.linalg.solve(by[:, :-2], -by[:, :-3:-1])  # by shares of x and y
-        ways = np.vstack([moved, np.eye(2)[::-1]]).T / self.window.size[:, None]
-        here, (by_x, by_y) = self._changes(at, ways)
+        ways = np.vstack([moved, np.eye(2)[::-1]]).T
+        lengths = np.linalg.norm(ways, axis=1)
+        here, changes = self._changes(at, ways / lengths[:, None])
+        by_x, by_y = map(times, lengths / self.window.size, changes)
         return here, by_x, by_y
 
     def conservative_at(self, at: Array) -> bool:
@@ -289,13 +289,11 @@ class BentPlane(Plane):
                     else:
                         a, one = middle, there
                 if differ(one, other, k):
-                    root = 0j
+                    frequency = 0.0
                     if one is not None and other is not None:
-                        root = min(
-                            one[k] if one[k].size > other[k].size else other[k],
-                            key=lambda value: value.real,
-                        )
-                    found.append((low + 0.5 * (a + b) * size, abs(root.imag), k))
+                        more = one[k] if one[k].size > other[k].size else other[k]
+                        frequency = abs(float(more[np.argmin(more.real)].imag))
+                    found.append((low + 0.5 * (a + b) * size, frequency, k))
         return found, ""
 
     def _along_speed(self, line: Array) -> tuple[list[OnLine], str]:

@@ -306,7 +306,7 @@ class Plane:
         straight pipe. The last results are the n forces at rest with derivatives, (n, n + 2).
         """
         matrices, *by = self.matrices(at)
-        changes = [_times(size, one) for size, one in zip(self.window.size, by, strict=True)]
+        changes = [times(size, one) for size, one in zip(self.window.size, by, strict=True)]
         return np.eye(2), matrices, changes[::-1], np.empty(0), np.empty((0, 2))
 
     def _joined(self, parts: Array, u: float) -> Matrices:
@@ -501,7 +501,8 @@ def _between(a: Sample, b: Sample) -> tuple[list[RootOnLine], list[RootOnLine], 
     return passed, extremes, bool(doubtful)
 
 
-def _times(size: float, matrices: Matrices) -> Matrices:
+def times(size: float, matrices: Matrices) -> Matrices:
+    """The matrices multiplied by a number."""
     mass, damping, stiffness = matrices
     return size * mass, size * damping, size * stiffness
 
