@@ -30,7 +30,13 @@ CALLED_WITH_CHECKED |= {
     "motion_linearised",
     "motion_rates",
 }
-CALLED_WITH_CHECKED |= {"quarter_turn", "from_plane", "into_plane", "nearest_in_plane"}
+CALLED_WITH_CHECKED |= {
+    "quarter_turn",
+    "from_plane",
+    "into_plane",
+    "nearest_in_plane",
+    "beyond_reach",
+}
 CALLED_WITH_CHECKED |= {"onto_constraints", "rate", "require_equilibrium", "sampled", "to_user"}
 CALLED_WITH_CHECKED |= {"require_dimensions"}
 CALLED_WITH_CHECKED |= {"unbalanced", "velocity", "weight_in"}

@@ -185,7 +185,7 @@ ORBIT_GAP = 1e-6
 it precesses: those that do not had gaps of 1e-8 at most."""
 
 
-@saved_as("OrbitControl")
+@saved_as("OrbitControl", added=("corner",))
 @dataclass(frozen=True)
 class OrbitControl(Control):
     """Control of the steps along branches of orbits.
