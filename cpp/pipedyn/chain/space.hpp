@@ -64,6 +64,9 @@ struct Symmetric2 {
   Across<Number> times(const Across<Number>& v) const {
     return {xx * v.x + xz * v.z, xz * v.x + zz * v.z};
   }
+  friend Symmetric2 operator*(const Number& factor, const Symmetric2& a) {
+    return {factor * a.xx, factor * a.xz, factor * a.zz};
+  }
 };
 
 template <class Number>
@@ -118,13 +121,13 @@ struct Rotation {
   }
 };
 
-/// F = phi / sin phi of a joint and, if asked for, dF / dcos phi, as functions of sin^2 (phi / 2).
+/// F = phi / sin phi of a joint, as a function of z = sin^2 (phi / 2), and h = (F - 1) / z.
 template <class Number>
 struct Bend {
-  Number f, by_cosine;
+  Number f, h;
 
-  explicit Bend(const Number& z, bool slope) {
-    // (F - 1) / z, interpolated at Chebyshev's points for phi up to 60 degrees; the error is 4e-18.
+  explicit Bend(const Number& z) {
+    // h is interpolated at Chebyshev's points for phi up to 60 degrees; the error is 4e-18.
     constexpr double limit = 0.25;
     constexpr double for_h[] = {0x1.5555555555555p-1, 0x1.11111111110e3p-1,  0x1.d41d41d423eadp-2,
                                 0x1.a01a019d0cecfp-2, 0x1.7a4630c0cc534p-2,  0x1.5d2cfdcaba210p-2,
@@ -133,7 +136,7 @@ struct Bend {
                                 0x1.31c214d692619p+0, -0x1.6a762d239e584p+0, 0x1.ac91a906b5fbap+0};
     using Traits = NumberTraits<Number>;
     using Real = typename Traits::Plain;
-    Number h = polynomial(for_h, z);
+    h = polynomial(for_h, z);
     if (any_beyond(Traits::value(z), limit)) {
       Real packs[] = {Traits::value(z), {}};
       lane_by_lane(packs, [](double (&of)[2]) {
@@ -146,7 +149,6 @@ struct Bend {
       h = Traits::where_above(z, limit, Traits::with(packs[0], packs[1], z), h);
     }
     f = 1.0 + z * h;
-    if (slope) by_cosine = 0.25 * (((1.0 - 2.0 * z) * h - 2.0) * inverse_of(Number(1.0 - z)));
   }
 };
 
@@ -316,10 +318,10 @@ struct SpatialSegment : Direction<Number> {
   using Direction<Number>::a, Direction<Number>::t, Direction<Number>::rate;
   Space<Number> force, lever;  // sums of the loads, and of the loads times their arms
   Across<Number> couple;
-  // Of the segment's joint: sin^2 (phi / 2), F, v, F v, c D and, with the sign of a resistance,
+  // Of the segment's joint: sin^2 (phi / 2), F, v, c D and, with the sign of a resistance,
   // factors of the forces on both tangents.
   Number z, f, by_cosine, about;  // about: 1 / (1 + cos phi)
-  Space<Number> v, bent, resistance;
+  Space<Number> v, resistance;
   Symmetric2<Number> inverse, turned;  // 1 / H, and (l N^T A N + m chi l) / H
   Across<Number> free, along;          // acceleration without that of the joint; l N^T A t / H
 
@@ -344,23 +346,24 @@ struct SpatialSegment : Direction<Number> {
   void join(const Space<Number>& t0, bool resists) {
     const Space<Number> apart = t - t0;
     z = 0.25 * dot(apart, apart);
-    const Bend<Number> bend(z, resists);
+    const Bend<Number> bend(z);
     f = bend.f;
-    if (resists) by_cosine = bend.by_cosine;
+    if (!resists) return;
+    about = 0.5 * inverse_of(Number(1.0 - z));
+    by_cosine = 0.5 * (((1.0 - 2.0 * z) * bend.h - 2.0) * about);
   }
   /// The square of the joint's angle.
   Number angle_square() const { return 4.0 * (z * (1.0 - z)) * (f * f); }
 
   /// Sets the damping of the joint, and adds the spin at the joint to that before it. rate0: t0'.
   void resist(const Space<Number>& t0, const Space<Number>& rate0, double damping, Number& spin) {
-    about = 0.5 * inverse_of(Number(1.0 - z));
     v = cross(t0, t);
-    bent = f * v;
     const Number closing = dot(rate0, t) + dot(t0, rate);
-    const Space<Number> turning = cross(t0, rate0) + spin * t0;
-    const Space<Number> bending =
-        f * (cross(rate0, t) + cross(t0, rate)) + (by_cosine * closing) * v;
-    resistance = damping * (bending - cross(turning, bent));
+    const Space<Number> opening = cross(rate0, t);
+    // v' - (t_{j-1} x t_{j-1}' + w3 t_{j-1}) x v
+    const Number carried = dot(t0, opening) + spin * (1.0 - 2.0 * z);
+    const Space<Number> seen = plus_cross(opening, t0, rate) - carried * t0 + spin * t;
+    resistance = (damping * f) * seen + (damping * by_cosine * closing) * v;
     spin = spin - dot(v, rate0 + rate) * about;
   }
 };
@@ -573,13 +576,12 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     Space<Number> moment = beyond + here.lever - pull;
     beyond = pull;
     if (resists) {
-      const Space<Number>& c = here.resistance;
-      const Number closing = here.by_cosine * dot(c, here.v);
-      const Space<Number> spun = (twist * here.about) * here.v;
-      moment = moment - here.f * cross(c, before) - closing * before - spun;
-      beyond = beyond - here.f * cross(here.t, c) - closing * here.t - spun +
-               cross(cross(here.bent, c), before);
-      twist = twist + dot(c, cross(before, here.bent));
+      const Space<Number> c = here.f * here.resistance;
+      const Number closing = here.by_cosine * dot(here.resistance, here.v);
+      const Number spun = twist * here.about, along = dot(c, before);  // v is normal to t_{j-1}
+      moment = plus_cross(moment, before, c) - closing * before - spun * here.v;
+      beyond = plus_cross(beyond, c, here.t) - closing * here.t - (spun + along) * here.v;
+      twist = twist + along * (1.0 - 2.0 * here.z) - dot(c, here.t);
     }
     if (j == n) continue;
     const Link& link = model.links[j];
@@ -592,33 +594,40 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     const Symmetric2<Number> h{link.inertia + link.length_square * nn.xx,
                                link.length_square * nn.xz,
                                link.inertia + link.length_square * nn.zz};
+    // 1 / H = share (adjugate of H). The share is multiplied last, so that a segment waits only for
+    // the division of its neighbour.
     const Number share = inverse_of(Number(h.xx * h.zz - h.xz * h.xz));
-    const Symmetric2<Number> inverse{h.zz * share, -(h.xz * share), h.xx * share};
-    // Product with 1 / H of p + q N^T A N, which is symmetric.
+    const Symmetric2<Number> adjugate{h.zz, -h.xz, h.xx};
+    // Product of the adjugate with p + q N^T A N, which is symmetric.
     const auto over_h = [&](double p, double q) -> Symmetric2<Number> {
       const Number xx = p + q * nn.xx, xz = q * nn.xz, zz = p + q * nn.zz;
-      return {xx * inverse.xx + xz * inverse.xz, xx * inverse.xz + xz * inverse.zz,
-              xz * inverse.xz + zz * inverse.zz};
+      return {xx * adjugate.xx + xz * adjugate.xz, xx * adjugate.xz + xz * adjugate.zz,
+              xz * adjugate.xz + zz * adjugate.zz};
     };
     const Number inward = l * here.square;
     const Across<Number> b = here.across(bias) - inward * nt;
-    here.inverse = inverse;
-    here.turned = over_h(link.first_moment, l);
-    here.along = l * inverse.times(nt);
-    here.free = inverse.times(tau - l * b);
+    const Symmetric2<Number> turned = over_h(link.first_moment, l);
+    const Across<Number> slant = l * adjugate.times(nt);
+    here.inverse = share * adjugate;
+    here.turned = share * turned;
+    here.along = share * slant;
+    here.free = share * adjugate.times(tau - l * b);
     const Across<Number> force =
-        here.turned.times(tau) + link.exchange * inverse.times(b) - here.across(here.force);
+        share * (turned.times(tau) + link.exchange * adjugate.times(b)) - here.across(here.force);
     const Number force_along = dot(here.t, bias - here.force) - inward * tt -
                                link.first_moment * here.square + l * dot(nt, here.free);
     bias = here.lifted(force) + force_along * here.t;
     const Symmetric2<Number> across = over_h(link.own_inertia, link.end_inertia);
-    const Across<Number> mixed = (link.exchange / l) * here.along;
-    const Number along = tt + link.mass - l * dot(nt, here.along);
+    const Across<Number> mixed = (link.exchange / l) * slant;
+    const Number lost = l * dot(nt, slant);
     const Space<Number> x = here.lifted({across.xx, across.xz}) + mixed.x * here.t;
     const Space<Number> z = here.lifted({across.xz, across.zz}) + mixed.z * here.t;
-    const Space<Number> t = here.lifted(mixed) + along * here.t;
+    const Space<Number> t = here.lifted(mixed) - lost * here.t;
+    const Space<Number> whole = (tt + link.mass) * here.t;
     const auto entry_of = [&](auto row, auto column) {
-      return x.*row * here.nx.*column + z.*row * here.nz.*column + t.*row * here.t.*column;
+      return whole.*row * here.t.*column +
+             share *
+                 (x.*row * here.nx.*column + z.*row * here.nz.*column + t.*row * here.t.*column);
     };
     constexpr auto ix = &Space<Number>::x, iy = &Space<Number>::y, iz = &Space<Number>::z;
     inertia = {entry_of(ix, ix), entry_of(iy, iy), entry_of(iz, iz),

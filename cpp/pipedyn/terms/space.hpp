@@ -37,6 +37,12 @@ template <class Number>
 inline Space<Number> cross(const Space<Number>& a, const Space<Number>& b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
+/// c + a x b, each component of which takes two instructions.
+template <class Number>
+inline Space<Number> plus_cross(const Space<Number>& c, const Space<Number>& a,
+                                const Space<Number>& b) {
+  return {c.x + a.y * b.z - a.z * b.y, c.y + a.z * b.x - a.x * b.z, c.z + a.x * b.y - a.y * b.x};
+}
 
 /// Two components across a segment, along n_x and n_z.
 template <class Number>
