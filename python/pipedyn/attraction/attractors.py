@@ -203,7 +203,8 @@ class Attractors(TableResult, units={"exponent": RATE}):
 
     Attributes:
         u: flow speed, as given.
-        basins: attractors with their shares, the largest first.
+        basins: attractors with their shares, the largest first; of equal ones, that with the first
+            start.
         unsettled: share of the starts whose motions could not be shown to end anywhere.
         failed: share of the starts whose motions stopped or were not computed.
         starts: states [q, q'], shape (N, 2 coordinates).
@@ -355,16 +356,15 @@ def attractors(
     every = [case.ends[i] for i in range(len(given))]
     ends = np.array([number for number, _ in every])
     shares = [_share(ends, k) for k in range(len(case.solutions))]
-    order = np.argsort([-share.count for share in shares], kind="stable").tolist()
-    order = [k for k in order if shares[k].count]
+    first = {k: int(np.argmax(ends == k)) for k, share in enumerate(shares) if share.count}
+    order = sorted(first, key=lambda k: (-shares[k].count, first[k]))
     some = [case.solutions[k] for k in order]
     basins, shifts = [], flat.shifts(model)
     for k, one in zip(order, some, strict=True):
         images = (j for j, other in enumerate(some) if one.is_mirror_image(other, shifts))
         image = next(images, -1) if case.odd else -1
-        start = int(np.argmax(ends == k))
         end = _turned_end(model, drive, one.attractor, azimuth)
-        one = replace(one, attractor=replace(end, start=start))
+        one = replace(one, attractor=replace(end, start=first[k]))
         basins.append(_basin(model, drive, options, one, shares[k], image))
     places = np.append(np.zeros(len(shares), dtype=int), [STOPPED, NOWHERE])
     places[order] = np.arange(len(order))
