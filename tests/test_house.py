@@ -16,10 +16,10 @@ import pytest
 LIMITS = {
     "longest chain of imports in a folder": 7,
     "modules in a folder": 17,
-    "names with more than one meaning": 9,
+    "names with more than one meaning": 8,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 27376,
-    "lines of C++": 16701,
+    "lines of Python": 27953,
+    "lines of C++": 16665,
 }
 
 ROOT = Path(__file__).parents[1]
