@@ -84,7 +84,7 @@ template <class Number>
 struct Rotation {
   Number c, e, e2, s, cosine;
 
-  explicit Rotation(const Number& square) {
+  PIPEDYN_INLINE explicit Rotation(const Number& square) {
     // Interpolation at Chebyshev's points up to rho^2 = 10, which is beyond half a turn; the errors
     // are 7e-20 and 3e-20.
     constexpr double limit = 10.0;
@@ -126,7 +126,7 @@ template <class Number>
 struct Bend {
   Number f, h;
 
-  explicit Bend(const Number& z) {
+  PIPEDYN_INLINE explicit Bend(const Number& z) {
     // h is interpolated at Chebyshev's points for phi up to 60 degrees; the error is 4e-18.
     constexpr double limit = 0.25;
     constexpr double for_h[] = {0x1.5555555555555p-1, 0x1.11111111110e3p-1,  0x1.d41d41d423eadp-2,
@@ -284,7 +284,7 @@ struct Direction {
     return x - (e * dot(aside, x)) * aside;
   }
 
-  void set(const Across<Number>& vector, const Across<Number>& da) {
+  PIPEDYN_INLINE void set(const Across<Number>& vector, const Across<Number>& da) {
     a = vector;
     const Rotation<Number> by(dot(a, a));
     c = by.c;
@@ -327,7 +327,7 @@ struct SpatialSegment : Direction<Number> {
 
   /// Sets direction and motion from row j of a state of n segments.
   template <class Rows>
-  void move(const Rows& rows, Count n, Count j) {
+  PIPEDYN_INLINE void move(const Rows& rows, Count n, Count j) {
     this->set({rows.row(j), rows.row(n + j)}, {rows.row(2 * n + j), rows.row(3 * n + j)});
     if (!rows.has_charts()) return;
     const auto sign = rows.chart(j);
@@ -343,7 +343,7 @@ struct SpatialSegment : Direction<Number> {
   }
 
   /// Sets the joint with the tangent t0 before it; `resists`: also for its damping.
-  void join(const Space<Number>& t0, bool resists) {
+  PIPEDYN_INLINE void join(const Space<Number>& t0, bool resists) {
     const Space<Number> apart = t - t0;
     z = 0.25 * dot(apart, apart);
     const Bend<Number> bend(z);
@@ -482,9 +482,9 @@ PIPEDYN_NOINLINE Number correct_added(const ChainModel& model, const Link& link,
   return link.added * dot(drive.acceleration, here.normal(own));
 }
 
-/// Computes the accelerations of a state of the motion in space, and returns the powers. put(j,
-/// rates, accelerations): receives a' and a'' of each segment.
-template <class Number, class Rows, class Put>
+/// Computes the accelerations of a state of the motion in space, and returns the powers, or zeros
+/// without `powers`. put(j, rates, accelerations): receives a' and a'' of each segment.
+template <bool powers, class Number, class Rows, class Put>
 PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& rows,
                                          const SpatialRoom<Number>& room, const Put& put) {
   SpatialSegment<Number>* const segments = room.segments;
@@ -514,18 +514,22 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     if (resists) {
       const double damping = j < n ? model.links[j].damping : model.end_damping;
       here.resist(t0, rate0, damping, spin);
-      if (damping != 0.0) {
+      if (powers && damping != 0.0) {
         power.joints = power.joints - (1.0 / damping) * dot(here.resistance, here.resistance);
       }
     }
     if (j == n) break;
     const Link& link = model.links[j];
     const Space<Number> own = velocity - drive.velocity;  // relative to the base
-    const Number along = dot(here.t, own), half = 0.5 * link.length * push;
-    here.force = (-link.length * (2.0 * coriolis)) * here.rate - (2.0 * half) * here.t;
+    const Number length_push = link.length * push;
+    here.force = (-link.length * (2.0 * coriolis)) * here.rate - length_push * here.t;
     here.lever = (-link.length_square * coriolis) * here.rate;
     here.couple = Across<Number>{};
-    power.flow = power.flow - (2.0 * half) * along;
+    if constexpr (powers) {
+      power.flow = power.flow - length_push * dot(here.t, own);
+      power.base =
+          power.base - dot(drive.acceleration, link.mass * own + link.first_moment * here.rate);
+    }
     const auto act = [&](const Space<Number>& force, double arm) {
       here.force += force;
       here.lever += arm * force;
@@ -535,15 +539,15 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
       const Space<Number> normal = here.normal(at);
       const Space<Number> force = (-link.drag * root_of(dot(normal, normal))) * normal;
       act(force, link.drag_arm);
-      power.drag = power.drag + dot(force, at);
-      power.base = power.base - dot(force, drive.velocity);
+      if constexpr (powers) {
+        power.drag = power.drag + dot(force, at);
+        power.base = power.base - dot(force, drive.velocity);
+      }
     }
     if (term != last_term && term->segment == j) {
       const Space<Number> joint = r, moving = velocity;  // copies, which leave these in registers
       term = add_terms(term, last_term, joint, moving, drive, rows, here, of_terms);
     }
-    power.base =
-        power.base - dot(drive.acceleration, link.mass * own + link.first_moment * here.rate);
     if (link.added != 0.0) power.base = power.base - correct_added(model, link, own, drive, here);
     r += link.length * here.t;
     velocity += link.length * here.rate;
@@ -727,7 +731,7 @@ void spatial_rhs(const ChainModel& model, const Batch& batch, double* rates) {
           members.set_row(rates, 2 * n + j, acceleration.x);
           members.set_row(rates, 3 * n + j, acceleration.z);
         };
-        const auto parts = spatial_accelerations(model, states, room, put);
+        const auto parts = spatial_accelerations<with_power>(model, states, room, put);
         if (with_power) members.set_row(rates, 4 * n, parts.total());
       });
 }
@@ -736,9 +740,8 @@ void spatial_power(const ChainModel& model, const Batch& batch, double* out) {
   for_each_spatial_block(
       model, batch, [&]<class Real>(const States<Real>& states, const SpatialRoom<Real>& room) {
         const auto nothing = [](Count, const auto&, const auto&) {};
-        spatial_accelerations(model, states, room, nothing).each([&](Count k, const Real& power) {
-          states.members.set_row(out, k, power);
-        });
+        spatial_accelerations<true>(model, states, room, nothing)
+            .each([&](Count k, const Real& power) { states.members.set_row(out, k, power); });
       });
 }
 
@@ -767,11 +770,11 @@ void spatial_jacobian(const ChainModel& model, const Batch& batch, double* out) 
         double* const value = all_rates ? to + row : nullptr;
         put_derivatives(acceleration, first, rows, slopes + row * rows, value, to + rows + row);
       };
-      spatial_accelerations(model, seeded, room,
-                            [&](Count j, const auto&, const Across<Number>& acceleration) {
-                              keep(2 * n + j, acceleration.x);
-                              keep(3 * n + j, acceleration.z);
-                            });
+      spatial_accelerations<false>(model, seeded, room,
+                                   [&](Count j, const auto&, const Across<Number>& acceleration) {
+                                     keep(2 * n + j, acceleration.x);
+                                     keep(3 * n + j, acceleration.z);
+                                   });
     }
     if (!all_rates) continue;
     for (Count j = 0; j < 2 * n; ++j) to[j] = batch.y[(2 * n + j) * batch.members + member];
