@@ -207,16 +207,16 @@ def _u_text(pipe: Pipe, u: float) -> str:
 
 
 def _pipe_title(pipe: Pipe) -> str:
-    return rf"$\beta = {_number(pipe.beta)}$, $\gamma = {_number(pipe.gamma)}$, {_flow(pipe)}"
+    return rf"$\beta = {_in_powers(pipe.beta)}$, $\gamma = {_in_powers(pipe.gamma)}$, {_flow(pipe)}"
 
 
 def _flow(pipe: Pipe) -> str:
-    end = rf" ($\alpha = {_number(pipe.alpha)}$)" if pipe.alpha != 1.0 else ""
-    damping = rf"damping $\delta = {_number(pipe.damping)}$" if pipe.damping else "undamped"
+    end = rf" ($\alpha = {_in_powers(pipe.alpha)}$)" if pipe.alpha != 1.0 else ""
+    damping = rf"damping $\delta = {_in_powers(pipe.damping)}$" if pipe.damping else "undamped"
     return f"{pipe.flow}{end}, {damping}"
 
 
-def _number(value: float) -> str:
+def _in_powers(value: float) -> str:
     """A number in mathematics, with a power of ten in place of e-05."""
     digits, _, power = f"{value:.5g}".partition("e")
     return rf"{digits} \times 10^{{{int(power)}}}" if power else digits
