@@ -39,6 +39,7 @@ HEARD = [pp.Measurement("frequency", 1.0, 0.1)]
         (lambda: pp.simulate(CHAIN, 1.0, t_end=3.0), "'duration'"),
         (lambda: pp.simulate(CHAIN, 1.0, 3.0, tol=1e-3), "'rtol'"),
         (lambda: plot.root_loci(pp.root_loci(CHAIN, [0.0, 1.0], 2), axes=None), "'ax'"),
+        (lambda: plot.root_loci(pp.root_loci(CHAIN, [0.0, 1.0], 2), legend=False), "'bar'"),
         (lambda: plot.spectrum(pp.simulate(CHAIN, 1.0, 1.0), dB=True), "'decibels'"),
         (lambda: plot.spectrum(pp.simulate(CHAIN, 1.0, 1.0), transient=0.5), "'start'"),
         (lambda: modular.chain(PIPE, segments=3), "'n'"),

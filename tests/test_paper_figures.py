@@ -80,6 +80,20 @@ def test_panels_have_letters_and_the_legend_tells_the_marks(draw):
     assert legend.get_window_extent().y0 >= 0.0
 
 
+@FIGURES
+def test_one_column_of_panels_has_room_for_the_title_and_the_legend(draw):
+    column = [[one] for one in findings().panels[0][:2]]
+    with plot.style():
+        figure = draw(CASE, replace(findings(), panels=column))
+        FigureCanvasAgg(figure)
+        figure.canvas.draw()
+    (legend,) = figure.legends
+    for one in (figure._suptitle, legend):
+        extent = one.get_window_extent()
+        assert 0.0 <= extent.x0 < extent.x1 <= figure.bbox.x1
+        assert not any(extent.overlaps(ax.get_tightbbox()) for ax in figure.axes)
+
+
 def test_the_critical_speed_is_marked_in_both():
     exact = findings().exact
     for ax in drawn(loci_figure).axes[:3]:
@@ -183,3 +197,5 @@ def test_the_map_is_in_order_of_gravity_and_titles_are_no_sentences():
     assert len(unmarked.get_legend().get_texts()) == len(words) - 1  # no stability is lost there
     (ax,) = convergence_figure(CASE, findings()).axes
     assert "." not in ax.get_title().replace("0.2", "")
+    (ax,) = convergence_figure(replace(CASE, pipe=pp.Pipe(0.2, damping=9.8e-5)), found).axes
+    assert ax.get_title().endswith(r"damping $\delta = 9.8 \times 10^{-5}$")

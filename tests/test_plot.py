@@ -993,6 +993,21 @@ def test_words_of_a_map_are_written_where_they_cover_nothing(setting):
         assert overlaps(figure) == []
 
 
+@pytest.mark.parametrize("layout", ["tight", "constrained"])
+def test_a_legend_of_long_entries_has_fewer_columns_rather_than_entries_of_many_lines(layout):
+    figure, panels = plt.subplots(2, 2, figsize=(7.0, 5.0), layout=layout)
+    ax = panels[0, 0]
+    for words in ("fold of a stable cycle", "rest and flutter both stable"):
+        ax.plot([0.0, 1.0], label=words)
+    ax.plot([0.0, 1.0], label="the straight pipe becomes unstable")
+    ax.plot([0.0], "o", label="Bautin")
+    arrange.legend_below(ax)
+    figure.canvas.draw()
+    lines = [text.get_text().count("\n") + 1 for text in ax.get_legend().get_texts()]
+    assert max(lines) <= 2
+    plt.close(figure)
+
+
 def test_a_legend_keeps_below_panels_that_share_labels_at_other_dots_an_inch():
     """Letters are then a little wider or narrower, so that other columns fit."""
     figure = plot.Figure(figsize=(7.0, 5.0), layout="constrained")

@@ -100,6 +100,18 @@ def test_curves_of_few_samples_pass_through_these_and_lie_close_to_many():
     assert max(distance(root, starts, stops) for root in roots) < 0.03
 
 
+def test_a_pair_that_moves_fast_reaches_the_real_axis_without_a_corner():
+    """Mode 2 of a long hanging hose is real from u = 22.25 to 24.51, both between samples."""
+    pipe = pp.Continuum(pp.Pipe(beta=0.225, gamma=998.0))
+    loci = pp.root_loci(pipe, np.linspace(20.0, 26.0, 13))
+    ax = plot.frequencies(loci, ax=axes())
+    points = np.concatenate(ax.collections[0].get_segments())
+    near = np.abs(points[:, 0] - np.array([[22.125], [24.8125]])).argsort(axis=1)[:, :60]
+    for speed, frequency in points[near].reshape(-1, 2):
+        exact = np.abs(pp.eigenvalues(pipe, float(speed), count=12).imag)
+        assert np.abs(exact - frequency).min() < 0.5
+
+
 def test_no_onset_is_drawn_where_two_real_pairs_become_other_pairs():
     """Two modes buckle at rest; their growing roots meet and stay unstable."""
     pipe = pp.Continuum(pp.Pipe(0.2, gamma=-100.0))

@@ -141,7 +141,7 @@ def _panel_figure(
                 write_inside(ax, note, size=6.5)
         ax.label_outer()
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
-    figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0)
+    figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0, wrap=True)
     return figure, plot.colour_bar(bar, ax=axes)
 
 
@@ -171,7 +171,8 @@ def _with_legend(
             label = f"its {findings.exact.kind} begins, {speed}; unstable below, too"
         handles.append(Line2D([], [], label=label, **critical))
     handles += [Line2D([], [], label="onset of the model", **ONSET), *more]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
+    columns = 1 if max(len(row) for row in findings.panels) == 1 else 2
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
@@ -206,13 +207,19 @@ def _u_text(pipe: Pipe, u: float) -> str:
 
 
 def _pipe_title(pipe: Pipe) -> str:
-    return rf"$\beta = {pipe.beta:g}$, $\gamma = {pipe.gamma:g}$, {_flow(pipe)}"
+    return rf"$\beta = {_in_powers(pipe.beta)}$, $\gamma = {_in_powers(pipe.gamma)}$, {_flow(pipe)}"
 
 
 def _flow(pipe: Pipe) -> str:
-    end = rf" ($\alpha = {pipe.alpha:g}$)" if pipe.alpha != 1.0 else ""
-    damping = rf"damping $\delta = {pipe.damping:g}$" if pipe.damping else "undamped"
+    end = rf" ($\alpha = {_in_powers(pipe.alpha)}$)" if pipe.alpha != 1.0 else ""
+    damping = rf"damping $\delta = {_in_powers(pipe.damping)}$" if pipe.damping else "undamped"
     return f"{pipe.flow}{end}, {damping}"
+
+
+def _in_powers(value: float) -> str:
+    """A number in mathematics, with a power of ten in place of e-05."""
+    digits, _, power = f"{value:.5g}".partition("e")
+    return rf"{digits} \times 10^{{{int(power)}}}" if power else digits
 
 
 def verdict(findings: Findings) -> str:

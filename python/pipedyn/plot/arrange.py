@@ -284,13 +284,16 @@ class _Legend:
             box = self.legend.get_window_extent()
             if box.width <= self.room or (size, columns) == (self.sizes[-1], 1):
                 found[size, columns] = box.height
-            if box.width <= self.room and box.height <= low:
+            if box.width <= self.room and box.height <= low and size != self.sizes[-1]:
                 self.inside = []
                 return
         smallest = [look for look in found if look[0] == self.sizes[-1]]
         self.below = min(smallest, key=found.__getitem__)
-        self.inside = list(product(self.sizes, (1, 2, 3)))
-        self.change(self.inside[0], inside=True)
+        stays = found[self.below] <= low
+        self.inside = [] if stays else list(product(self.sizes, (1, 2, 3)))
+        self.change(self.below if stays else self.inside[0], inside=not stays)
+        if stays:
+            self._break(self.below[1])
 
     def _break(self, columns: int) -> None:
         """Breaks entries of a legend that is too wide."""

@@ -236,11 +236,16 @@ def _smooth_branches(loci: RootLoci) -> RootLoci:
     known = loci.converged & np.isfinite(one)
     paired = (other == one.conj()) | ((one.imag == 0.0) & (other.imag == 0.0))
     paired &= ~single & (loci.pipe.hysteresis == 0.0)
-    # The real roots of a pair that meet are at equal distances from where they do.
+    # The real roots of a pair that meet are at equal distances from where they do. It moves there
+    # at about the rate of the step before, or behind, on which the pair is complex.
     mean, gap = 0.5 * (one + other).real, 0.5 * np.abs((one - other).real)
     changed = np.zeros(one.shape, dtype=bool)
-    turned = (one.imag == 0.0)[1:] != (one.imag == 0.0)[:-1]
-    off = np.abs(np.diff(mean, axis=0)) > 0.5 * np.maximum(gap[1:], gap[:-1])
+    real = one.imag == 0.0
+    turned = real[1:] != real[:-1]
+    moved = np.pad(np.diff(mean, axis=0), ((1, 1), (0, 0)))
+    beside = np.where(real[1:], moved[:-2], moved[2:])
+    off = np.minimum(np.abs(moved[1:-1]), np.abs(moved[1:-1] - beside))
+    off = off > 0.5 * np.maximum(gap[1:], gap[:-1])
     changed[1:] = turned & off & paired[1:] & paired[:-1] & known[1:] & known[:-1]
     kinds = np.where(known, 1 + paired + 2 * np.cumsum(changed, axis=0), 0)
     for k in range(shape[1]):

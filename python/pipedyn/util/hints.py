@@ -43,7 +43,7 @@ SYNONYM_GROUPS = """
     criticalvelocity, criticalfrequency omegac flutterfrequency, criticalspeed divergencespeed,
     start transient skip, decibels db, ranges limits window bounds range, bounds limits range, x
     transverse lateral horizontal, y axial vertical, seconds time, uncertainty sigma std sd
-    error, gap clearance, ax axes axis, si siunits
+    error, gap clearance, ax axes axis, bar legend colorbar colourbar, si siunits
 """
 """Words of the field for the same thing, as `bare` writes them; commas separate groups."""
 
