@@ -285,3 +285,13 @@ def test_a_configuration_of_ones_own_has_no_boundary():
     about = chain.about(pp.equilibria(chain, 2.0).q[0])
     with pytest.raises(ValueError, match="model must not be about a configuration"):
         pp.boundary(about, "gamma", "u", {"gamma": (0.0, 20.0), "u": (2.0, 8.0)})
+
+
+def test_curves_in_space_end_where_a_joint_turns_over_and_failures_say_so():
+    pipe = pp.Pipe(0.3, 5.0, damping=0.005, jet_angle=0.3)
+    window = {"gamma": (2.0, 12.0), "u": (0.0, 8.0)}
+    model = pp.Chain(pipe, 3, dimensions=3)
+    found = pp.boundary(model, "gamma", "u", window, criticality=False)
+    assert [curve.across for curve in found.curves] == [False, True, False]
+    assert all("a joint turns by" in failure for failure in found.failures)
+    assert found.failures

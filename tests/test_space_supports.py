@@ -361,6 +361,16 @@ def test_an_uneven_root_sags_in_its_plane_and_is_asked_across_it():
     assert np.abs(values - 1j * critical.frequency).min() < 1e-6
 
 
+def test_a_root_that_turns_freely_in_the_plane_has_the_equilibria_of_a_hinge():
+    pipe = pp.Pipe(0.3, root="pinned", damping=0.002)
+    hinge, uneven = (
+        pp.equilibria(pp.Galerkin(replace(pipe, root=root), 6, "legendre"), 3.0)
+        for root in ("pinned", pp.RootSpring(0.0, 5.0))
+    )
+    assert len(hinge) == 1
+    np.testing.assert_array_equal(hinge.tips, uneven.tips)
+
+
 def test_the_number_across_of_a_root_is_converted_kept_and_checked(tmp_path):
     spring = pp.RootSpring(0.2, stiffness_across=0.05)
     masses = {"pipe_mass": 0.19, "fluid_mass": 0.05}

@@ -312,6 +312,17 @@ def test_a_hinged_pipe_turns_freely_under_forces_that_follow_it(make, term, damp
     )
 
 
+def test_a_spring_keeps_a_hinged_pipe_from_turning_freely():
+    """Its roots are then found by the recursion, whose time grows only with the segments."""
+    follower = pp.FollowerForce(0.5, 1.0)
+    free, sprung = (
+        pp.Chain(pp.Pipe(0.3, root="pinned", damping=0.001, terms=terms), 5)
+        for terms in ([follower], [follower, pp.Spring(0.7, 10.0)])
+    )
+    assert type(sprung.pencil()) is type(pp.Chain(pp.Pipe(0.3), 5).pencil())
+    assert type(free.pencil()) is not type(sprung.pencil())
+
+
 def test_a_slow_root_beside_a_free_turn_is_seen_to_pass_zero():
     """It grows so slowly with the flow that it has no sign at the next samples."""
     pipe = pp.Pipe(1e-8, alpha=0.18, terms=[pp.RotationalDamper(0.5, 0.004)], root="pinned")

@@ -103,6 +103,7 @@ class BentPlane(Plane):
         if key not in self._followed:
             try:
                 last, reason = self.rests(at).towards(abs(self.speed_at(at)))
+                reason = self.model.beyond_reach(last.x) or reason
                 self._followed[key] = last.x, reason, last.p
             except NotConverged as error:  # there is no rest without flow
                 self._followed[key] = np.full(self.rest_size, np.nan), str(error), 0.0

@@ -32,6 +32,7 @@ from pipedyn.linear.plane import Matrices, Plane
 from pipedyn.linear.sensitivity import CrossingKind
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
+from pipedyn.util.errors import NotResolved
 from pipedyn.util.newton import NewtonFailed
 
 LEAST = 1e-5
@@ -105,7 +106,7 @@ class AxisProblem(DenseProblem):
         z, rest = np.append(x, p), self.plane.rest_size
         try:
             directions, matrices, changes, balance, by = self.plane.varied(self.with_rest(z))
-        except ValueError as error:  # the pipe is bent too sharply
+        except (ValueError, NotResolved) as error:  # the pipe is bent too sharply
             raise NewtonFailed(f"there is no such rest: {error}") from error
         residual, derivative = self._conditions(z, matrices, changes)
         own = derivative.shape[1] - len(changes)

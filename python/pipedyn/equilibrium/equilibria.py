@@ -420,7 +420,7 @@ class Statics(BranchOfRest):
     @cached_property
     def whole_turn(self) -> Array | None:
         """Change of x by a whole turn about a hinge at the root; None if a force resists turns."""
-        if self.plane.pipe.root != "pinned":
+        if self.plane.pipe.root_stiffness:
             return None
         turn = self.plane.sampled(lambda s: np.full_like(s, 2.0 * math.pi))
         both = self.to_user(np.stack([self.resting, self.resting + turn]))

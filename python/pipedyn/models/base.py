@@ -341,7 +341,8 @@ class Model(OfPipe, ABC):
         Recursions find roots at zero by exact zeros; dense matrices do not need them.
         """
         pipe = self._pipe
-        return pipe.gamma == 0.0 and pipe.fed_at_rest and 0.0 in self.elastic_share
+        may_turn = pipe.gamma == 0.0 and pipe.fed_at_rest and 0.0 in self.elastic_share
+        return may_turn and not any(core_pipe(pipe).added_stiffness)  # no spring opposes it
 
     @property
     def resolved_modes(self) -> int:

@@ -535,7 +535,7 @@ class SpatialChain(SpatialModel):
     def beyond_reach(self, x: Array) -> str:
         if (np.abs(np.abs(x) % (2.0 * math.pi) - math.pi) < FOLDED).any():
             return "a segment points straight backwards, where coordinates in space are singular"
-        hinged = self._pipe.root == "pinned"
+        hinged = not self._pipe.root_stiffness
         joints = np.diff(x, prepend=[0.0][hinged:], append=[0.0] * self._pipe.end_guided)
         turned = float(np.abs(joints).max(initial=0.0))
         why = f"a joint turns by {turned:.6g} rad, and joints in space by less than pi"
