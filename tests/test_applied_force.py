@@ -450,7 +450,7 @@ def test_a_force_that_fails_in_motion_stops_the_motion_with_the_reason():
         (
             {"force": pp.Force(lambda t: 1.0, at=1.0)},
             ValueError,
-            r"^force must have a frequency, which forced_response varies, and a function of the",
+            r"^force must have a frequency, which sets the period, and a function of the phase",
         ),
         (
             {"force": pp.Force(lambda phase: phase, at=1.0, frequency=3.0)},

@@ -446,7 +446,7 @@ class ExternalFlow(Term):
         >>> window = {"ExternalFlow.speed": (0.0, 4.0), "u": (0.0, 1.0)}  # at u = 0, the critical
         >>> found = pp.boundary(  # speeds of the external flow
         ...     pp.Continuum(pipe), "ExternalFlow.speed", "u", window, criticality=False)
-        >>> [(curve.kind, round(float(curve.x[0]), 3)) for curve in found.curves]
+        >>> [(curve.kind, round(float(curve.x.min()), 3)) for curve in found.curves]
         [('divergence', 2.087)]
     """
 
