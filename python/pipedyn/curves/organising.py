@@ -256,11 +256,10 @@ def double_points(
             continue
         try:
             for s, guess in _approximate_points(segment, plane):
-                one = guess
-                if not plane.rest_size:
-                    one = guess.solved(plane, curve.problem.control)
-                edge = plane.conservative_near if not plane.rest_size else plane.straight_near
-                if one.modes == 2 or not edge(one.at[::-1], AT_EDGE):
+                bent = plane.rest_size > 0
+                one = guess if bent else guess.solved(plane, curve.problem.control)
+                is_special = plane.straight_near if bent else plane.conservative_near
+                if one.modes == 2 or not is_special(one.at[::-1], AT_EDGE):
                     yield (k, s), one
         except NewtonFailed as error:
             x, y = curve.problem.place(segment.begin.z)

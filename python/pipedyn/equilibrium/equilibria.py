@@ -175,8 +175,8 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     as many further starts lead to no more equilibria, and the equilibria found agree with the
     degree of the equations: elastic forces grow without bound and all others do not, so the signs
     of det K over all equilibria add up to 1. For a pipe on a free hinge, whole turns about it count
-    once and the signs add up to 0; if no force opposes turns, all angles count once. A
-    pair of opposite signs to which no start leads would be missed.
+    once and the signs add up to 0; if no force opposes turns, all angles count once. A pair of
+    opposite signs to which no start leads would be missed.
 
     In other pipes starts are bent by half a radian to one and a half turns, in all mixtures of the
     first three or four modes, and in the shapes in which the straight pipe buckles at that speed.
@@ -247,10 +247,11 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
         found.sort(key=place)  # mirror images are neighbours, that with its tip to the right first
         xs = np.array(found)
         every = xs[~statics.turned_alike(xs)]
-        xs = every[[not model.beyond_reach(x) for x in every]]
+        reasons = [model.beyond_reach(x) for x in every]
+        xs, left_out = every[[not why for why in reasons]], list(filter(None, reasons))
         if not len(xs):
-            why = model.beyond_reach(every[0])
-            raise NotConverged(f"no equilibrium was found at u = {u:g}: in that of a plane {why}")
+            why = f"in that of a plane {left_out[0]}"
+            raise NotConverged(f"no equilibrium was found at u = {u:g}: {why}")
         values = [statics.eigenvalues(x, u) for x in xs]
         residuals = np.array([statics.unbalanced(x, u) for x in xs])
         stable = np.array([is_stable(one) for one in values])
@@ -274,9 +275,9 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     kept, complete, search = resolved & valid, solutions.complete, solutions.search
     if statics.model.dimensions == 3 and not statics.model.axisymmetric:
         complete, search = False, f"{search}; none that leaves the plane z = 0 was looked for"
-    if far := len(every) - len(xs):
-        why = model.beyond_reach(next(x for x in every if model.beyond_reach(x)))
-        complete, search = False, f"{search}; {far} of a plane left out, for instance as {why}"
+    if left_out:
+        why = f"{len(left_out)} of a plane left out, for instance as {left_out[0]}"
+        complete, search = False, f"{search}; {why}"
     answer = Equilibria(**rows(kept), u=u, model=model, complete=complete, search=search)
     if not kept.all():
         answer = replace(answer, discarded=replace(answer, **rows(~kept)))

@@ -20,7 +20,7 @@ from pipedyn.models.pencil import DensePencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments
 from pipedyn.models.segments import MET, SegmentModel, core_segments, held_ends, position_along
-from pipedyn.models.space import SpatialModel, rotations, tangents_by, turning
+from pipedyn.models.space import FOLDED, SpatialModel, rotations, tangents_by, turning
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -45,9 +45,6 @@ LARGEST_SHARED, MOST_SHARED = 300, 32
 
 _SHARED: dict[tuple[Any, ...], dict[str, Any]] = {}
 """Attributes of chains whose segments follow from a few numbers, for other chains with these."""
-
-FOLDED = 1e-6
-"""Distance in rad from half a turn at which a joint or a segment in space is singular."""
 
 SHORTEST_SEGMENT = 1e-7
 """Shortest segment: shorter ones, or a last one with less inertia, are lost in rounding."""

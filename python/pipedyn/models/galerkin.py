@@ -33,7 +33,7 @@ from pipedyn.models.reduced_supports import (
     ReducedSupports,
     orthonormal,
 )
-from pipedyn.models.space import SMALL_TURN, SpatialModel, rotations, tangents_by
+from pipedyn.models.space import FOLDED, SMALL_TURN, SpatialModel, rotations, tangents_by
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -573,7 +573,7 @@ class SpatialGalerkin(SpatialModel):
     def beyond_reach(self, x: Array) -> str:
         turned = self._planar.largest_angle(x)
         why = f"its tangent turns by {turned:.3g} rad, and the coordinates in space end at pi"
-        return why if turned > math.pi - 1e-6 else ""
+        return why if turned > math.pi - FOLDED else ""
 
     def _nodes_to(self, p: Array, places: Array) -> Iterator[tuple[Array, Array]]:
         """Nodes and weights of integrals from the clamp to each place, for p (2 m, k)."""

@@ -39,6 +39,9 @@ SMALL_TURN = 1e-8
 FAST = 1e10
 """Size of rates beside whose kinetic energy all other energy is rounding."""
 
+FOLDED = 1e-6
+"""Distance in rad from half a turn at which a joint or a tangent in space is singular."""
+
 IN_PLANE = 1e-9
 """Largest part of a configuration across a plane, relative to 1 plus its size, that is rounding."""
 

@@ -262,7 +262,8 @@ def exponents_together(
         atol=error,
         base=base,
         forces=forces,
-        # Implicit steps follow a difference that decays with a hundredth of the error.
+        # One member takes implicit steps, which follow a difference that decays with a hundredth
+        # of the error of explicit ones.
         members=1 if alone else (1 if known else 2) * len(paths),
     )
     pair = _PairTask(**vars(first))
