@@ -270,6 +270,41 @@ def test_onsets_of_both_planes_are_found_where_they_nearly_coincide(tilt):
         )
 
 
+@pytest.mark.parametrize(
+    ("m", "expected"),  # where eigenvalues of the Jacobian of the motion pass the axis
+    [(6, [(7.4739, 6), (7.5004, 4)]), (10, [(7.3832, 2), (7.4778, 4)])],
+)
+def test_one_mode_may_calm_down_next_to_where_another_starts_to_flutter(m, expected):
+    load = pp.Load(0.25, (0.835, 2.67))
+    terms = [pp.RotationalDamper(0.25, 0.54, 0.1375), pp.Weight(0.25, 3.54), load]
+    pipe = pp.Pipe(0.447, jet_angle=-0.844, terms=terms)
+    model = pp.Galerkin(pipe, m, "beam", dimensions=3)
+    found = [one for one in pp.crossings(model, 8.0) if one.speed > 7.0]
+    assert [(one.speed, one.unstable_after) for one in found] == [
+        (pytest.approx(u, abs=1e-4), count) for u, count in expected
+    ]
+    rest = rest_of(model, 7.0)
+    branch = pp.equilibrium_branch(model, rest, 7.0, (7.0, 8.0))
+    assert [one.speed for one in branch.points] == pytest.approx(
+        [one.speed for one in found], rel=1e-9
+    )
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+@pytest.mark.filterwarnings("ignore::pipedyn.FluttersAcross")
+def test_an_aspirating_pipe_that_sags_flutters_from_the_smallest_flow_on(dimensions):
+    pipe = pp.Pipe(0.481, 12.43, flow="aspirating", inflow_share=0.8, inclination=-0.3)
+    model = pp.Galerkin(pipe, 5, "beam", dimensions=dimensions)
+    found = pp.crossings(model, 1.0)
+    assert [one.speed for one in found] == [0.0] * 5 * (dimensions - 1)
+    assert found[-1].unstable_after == model.dof * 2
+    slight, more = (
+        pp.critical_speed(model.with_pipe(dataclasses.replace(pipe, damping=delta))).speed
+        for delta in (1e-7, 1e-5)
+    )
+    assert more / slight == pytest.approx(100.0, rel=1e-5)  # of first order in the damping
+
+
 def test_two_modes_of_a_sagging_pipe_without_fluid_mass_meet_in_each_plane():
     model = in_space(level(beta=0.0, gamma=5.0))
     for found in pp.crossings(model, 5.0):

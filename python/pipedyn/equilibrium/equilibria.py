@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.continuation.arclength import BranchStep, Control, DenseProblem, Point
-from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
+from pipedyn.continuation.tracer import Tracer, special_points
+from pipedyn.linear.following import GrowthTest
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.rest import BranchOfRest
 from pipedyn.models.base import BALANCED, Configurations, Model
@@ -894,6 +895,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         self.statics, self.longest = statics, longest
         self.points, self.growth = [start], [self._growth(start)]
         self.changes: list[BranchPoint] = []
+        self.test: GrowthTest | None = None  # of the last step
 
     def followed(self, branch: DenseProblem) -> str:
         """Follows the branch, and returns why it ends."""
@@ -920,7 +922,6 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
             meeting = self._pitchfork(rest, a.p)
         if meeting is not None:
             until = 0.0 if landed else 0.98 * ds * sizes[0] / sum(sizes)
-        known = {0.0: self.growth[-1]}
 
         def kind(before: float, s: float) -> Change:
             straight, passing = statics.straight(step.at(s).x), growth.positive(s)
@@ -931,7 +932,9 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
                 return "hopf"
             return "pitchfork" if straight else "branch point"
 
-        growth = TestFunction(step, 1e-10 * (1.0 + until), self._growth, kind, known)
+        self.test = growth = GrowthTest(
+            step, 1e-10 * (1.0 + until), self._roots, kind, before=self.test
+        )
         found = special_points(step, 1e-12 if meeting is None else 0.0, [growth], until)
         turns = [s for name, _, s in found if name == "fold"]
         for name, before, s in found:
@@ -964,6 +967,10 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
     def _growth(self, point: Point) -> Array:
         """The growth of small motions about an equilibrium, as `Statics.growth` gives it."""
         return self.statics.growth(point.x, abs(point.p))
+
+    def _roots(self, point: Point) -> Complex:
+        """The eigenvalues of small motions about an equilibrium."""
+        return self.statics.eigenvalues(point.x, abs(point.p))
 
     def _pitchfork(self, rest: Array, u: float) -> float | None:
         """Speed of the pitchfork of a straight pipe nearest to u, or None if none is near.

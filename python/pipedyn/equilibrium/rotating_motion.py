@@ -27,10 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import BranchStep, Control, DenseProblem, Point
-from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
+from pipedyn.continuation.tracer import Tracer, special_points
 from pipedyn.equilibrium.equilibria import BranchPoint, Change
 from pipedyn.equilibrium.hopf import HopfPoint, hopf
-from pipedyn.linear.neutral import beyond_rounding, growth
+from pipedyn.linear.following import GrowthTest
+from pipedyn.linear.neutral import growth
 from pipedyn.linear.sensitivity import of_each
 from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
@@ -259,7 +260,7 @@ class _RotatingTracer(Tracer[DenseProblem]):
         self.model, self.onset, self.until = model, onset, until
         self.marks = [(-1, mark) for mark in marks]
         self.path, self.over, self.changes = list[Array](), False, list[BranchPoint]()
-        self.known: Array | None = None  # growth at the end of the last step
+        self.test: GrowthTest | None = None  # of the last step
 
     def followed(self) -> tuple[list[Point], str, str]:
         """Follows the branch; returns its points, why it ends, and a sentence on that."""
@@ -287,25 +288,25 @@ class _RotatingTracer(Tracer[DenseProblem]):
             self.over = (step.begin.p - self.until) * (step.end.p - self.until) <= 0.0
             self.path = [step.where(self.until)] if self.over else []
             return "range" if self.over else None
-        known = {} if self.known is None else {0.0: self.known}
 
         def kind(before: float, s: float) -> Change:
             odd = (test.positive(s) - test.positive(before)) % 2
             return "branch point" if odd else "hopf"
 
         # At a fold a real exponent passes 0, which is one change and listed once.
-        test = TestFunction(step, 1e-8 * step.length, self._growth, kind, known, beside_folds=1e-3)
+        self.test = test = GrowthTest(
+            step, 1e-8 * step.length, self._roots, kind, beside_folds=1e-3, before=self.test
+        )
         for name, _, s in special_points(step, 1e-8, [test]):
             z = step.at(s).z
             self.path.append(z)
             self.changes.append(self._point(cast(Change, name), z))
         self.path.append(step.end.z)
-        self.known = test.at(step.length)
         return None
 
-    def _growth(self, point: Point) -> Array:
-        """Real parts of the exponents minus their rounding, the largest first."""
-        return np.sort(beyond_rounding(exponents_of(self.model, point.z)))[::-1]
+    def _roots(self, point: Point) -> Complex:
+        """The exponents of the motion at a point."""
+        return exponents_of(self.model, point.z)
 
     def _point(self, kind: Change, z: Array) -> BranchPoint:
         q, frequency = z[: self.model.integrated], 0.0

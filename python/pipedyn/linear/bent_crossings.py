@@ -13,12 +13,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import BranchStep, DenseProblem
-from pipedyn.continuation.tracer import TestFunction, special_points
-from pipedyn.linear.neutral import beyond_rounding, rounding
+from pipedyn.continuation.tracer import special_points
+from pipedyn.linear.following import GrowthTest, matched
+from pipedyn.linear.neutral import beyond_rounding, decays, rounding
 from pipedyn.linear.rest import SAME_REST, SHORTER_STEPS, BranchOfRest, lost_rest
 from pipedyn.linear.sensitivity import (
     LEAST_BETA,
@@ -50,6 +50,10 @@ square root, and so leaves them some 2e-4 apart where they are located."""
 MEETING = 1e-6
 """Error of a crossing, over 1 + its speed, beyond which Newton's method has found none."""
 
+SMALL_SPEED = 1e-3
+"""Speed below which a root that grows, and that is on the axis without flow, grows from u = 0 on:
+if the flow moves it by 1e-9 of the speed, rounding hides its growth up to some 1e-4."""
+
 EPS = float(np.finfo(float).eps)
 
 TOO_NEAR = "another branch of rests meets it, or is too near to be told apart"
@@ -75,11 +79,7 @@ class RootsFollowed:
 
     def matched(self, values: Complex) -> NDArray[np.intp]:
         """Indices of the roots that continue those known, or -1 where there are fewer."""
-        apart = np.abs(self.values[:, None] - values) / (1.0 + np.abs(self.values[:, None]))
-        rows, columns = scipy.optimize.linear_sum_assignment(apart)
-        found = np.full(self.values.size, -1)
-        found[rows] = columns
-        return found
+        return matched(self.values, values)
 
     def move(self, values: Complex) -> None:
         """Follows the roots to the next rest."""
@@ -186,7 +186,8 @@ def root_at(
 def slope_of_root(at: Callable[[float], tuple[complex, Array]], u: float) -> complex:
     """Derivative of a root, as a function of the speed, by that speed, with that of the rest."""
     step = 1e-3 * (1.0 + u)
-    return complex(np.sum([weight * at(u + k * step)[0] for k, weight in CENTRAL]) / step)
+    weights = CENTRAL if u >= 2.0 * step else ONE_SIDED
+    return complex(np.sum([weight * at(u + k * step)[0] for k, weight in weights]) / step)
 
 
 class SearchOfRest:
@@ -210,7 +211,7 @@ class SearchOfRest:
         self.counted = counted
         self.found: list[CrossingOfRest] = []
         self.roots: list[RootsFollowed] = []  # in the plane of rest, and across it
-        self.growth: list[Array] = []
+        self.tests: list[GrowthTest | None] = []  # of the last step
         self.reached = 0.0
 
     def run(self) -> tuple[CrossingOfRest, ...]:
@@ -245,17 +246,13 @@ class SearchOfRest:
         few = self.counted // len(self.rests.planes)
         return values[np.argsort(np.abs(values), kind="stable")[:few]]
 
-    def _growth(self, x: Array, u: float, plane: int) -> Array:
-        """Real parts beyond rounding, the largest first."""
-        return np.sort(beyond_rounding(self._values(x, u, plane)))[::-1]
-
     def _note(self, step: BranchStep[DenseProblem]) -> str | None:
         """Keeps the crossings on a step; returns why the search ends there."""
         begin, end, ds = step.begin, step.end, step.length
         planes = self.rests.planes
         if not self.roots:
             self.roots = [RootsFollowed(self._values(begin.x, begin.p, k)) for k in planes]
-            self.growth = [self._growth(begin.x, begin.p, k) for k in planes]
+            self.tests = [None for _ in planes]
         tests = [self._test(step, k) for k in planes]
 
         def growing(s: float) -> int:
@@ -285,24 +282,24 @@ class SearchOfRest:
                 return "found"
             if name == "fold":
                 return "fold"
-        self.growth, self.reached = [test.at(ds) for test in tests], end.p
+        self.tests[:], self.reached = tests, end.p
         for roots, plane in zip(self.roots, planes, strict=True):
             roots.move(self._values(end.x, end.p, plane))
         return None
 
-    def _test(self, step: BranchStep[DenseProblem], plane: int) -> TestFunction:
+    def _test(self, step: BranchStep[DenseProblem], plane: int) -> GrowthTest:
         """The test function of roots that start to grow, in the plane of rest or across it."""
 
         def kind(before: float, beyond: float) -> str:
             flutters = (growth.positive(beyond) - growth.positive(before)) % 2 == 0
             return ("flutter" if flutters else "divergence") + OUT_OF_PLANE * plane
 
-        growth = TestFunction(
+        growth = GrowthTest(
             step,
             1e-12 * (1.0 + step.length),
-            lambda point: self._growth(point.x, abs(point.p), plane),
+            lambda point: self._values(point.x, abs(point.p), plane),
             kind,
-            {0.0: self.growth[plane]},
+            before=self.tests[plane],
         )
         return growth
 
@@ -357,11 +354,13 @@ class SearchOfRest:
 
         A divergence across the plane of rest is found by an eigenvalue of the stiffness instead.
         """
-        if u < 1e-9:  # unstable from the smallest flow on
-            return rest, 0.0, complex(0.0, root.imag), 0.0
         located = rest, u, complex(0.0, root.imag), error
         try:
             at = partial(root_at, self.rests, plane=plane)
+            if root.imag and u < SMALL_SPEED:
+                values = self.rests.roots(at(0.0, rest, root)[1], 0.0, plane)
+                if not decays(values)[np.argmin(np.abs(values - root))]:
+                    return rest, 0.0, complex(0.0, root.imag), 0.0  # from the smallest flow on
             slope = slope_of_root(partial(at, near=rest, root=root), u)
             root = root if root.imag else at(u, rest, root)[0]
             for _ in range(4):

@@ -9,13 +9,17 @@ slopes d lambda / du at both speeds lead. Where two may do so, the step is halve
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
+from pipedyn.continuation.tracer import TestFunction
 from pipedyn.linear.eigenproblem import eigenproblem, select_pairs
+from pipedyn.linear.neutral import beyond_rounding
 from pipedyn.models.base import Model
 from pipedyn.util.check import Array, Complex
 
@@ -28,6 +32,9 @@ core."""
 
 HALVINGS = 18
 """Number of times that a step is halved: roots that meet are then 1e-3 apart."""
+
+SWAP_HALVINGS = 12
+"""Number of times that a step is halved where one root starts to grow and another ceases to."""
 
 MOST_INSERTED = 600
 """Largest number of speeds added between those asked for, with all roots at each."""
@@ -163,3 +170,85 @@ class RootFollower:
                     if 0 <= k + step < len(speeds) and values[k + step].imag == 0.0:
                         walk(partners, k, other, step, False)
         return values, partners, np.where(np.isfinite(values), errors, np.inf)
+
+
+def matched(values: Complex, others: Complex) -> NDArray[np.intp]:
+    """Indices of the other roots that continue each of the values, or -1 where there are fewer."""
+    apart = np.abs(values[:, None] - others) / (1.0 + np.abs(values[:, None]))
+    rows, columns = scipy.optimize.linear_sum_assignment(apart)
+    found = np.full(values.size, -1)
+    found[rows] = columns
+    return found
+
+
+@dataclass
+class GrowthTest(TestFunction):
+    """Test function of roots that start or cease to grow along a step of a branch.
+
+    `values` gives the roots at a point, complex and in any order. Each root is followed: where one
+    starts to grow on a step and another ceases to, as many grow at both its ends. So are those that
+    grow, or cease to grow, within the step alone, which a parabola through the step before tells.
+
+    Attributes:
+        before: the test function of the step before, if there is one.
+        roots: roots that are known, by arc length, in the order of those at its beginning.
+    """
+
+    before: GrowthTest | None = None
+    roots: dict[float, Complex] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        last, self.before = self.before, None
+        if last is None:
+            self._slopes = np.zeros(self._roots_at(0.0).size)
+            return
+        self.roots[0.0] = last._roots_at(last.step.length)
+        self._slopes = last._slopes_between(0.0, last.step.length)
+
+    def _roots_at(self, s: float) -> Complex:
+        """Roots at an arc length from the beginning of the step, computed once, shape (k,)."""
+        if s not in self.roots:
+            found = np.asarray(self.values(self.step.at(s)), dtype=complex)
+            if self.roots:
+                near = self.roots[min(self.roots, key=lambda known: abs(known - s))]
+                found = found[matched(near, found)] if near.size == found.size else found
+            self.roots[s] = found
+        return self.roots[s]
+
+    def _growth(self, s: float) -> Array:
+        """Real parts of the roots less their rounding, in the order of the roots, (k,)."""
+        return beyond_rounding(self._roots_at(s))
+
+    def _slopes_between(self, low: float, high: float) -> Array:
+        """Mean slopes of the growth of each root between two arc lengths; 0 if roots are lost."""
+        first, last = self._growth(low), self._growth(high)
+        return (last - first) / (high - low) if first.size == last.size else 0.0 * last
+
+    def at(self, s: float) -> Array:
+        """Real parts of the roots less their rounding, the largest first, shape (k,)."""
+        return np.sort(self._growth(s))[::-1]
+
+    def changes(self, low: float, high: float) -> Iterator[tuple[float, float]]:
+        """Arc lengths right before and right beyond each change between low and high, in order."""
+        for ends in pairwise([low, *self._between(low, high, self._slopes, SWAP_HALVINGS), high]):
+            yield from super().changes(*ends)
+
+    def _between(self, low: float, high: float, slopes: Array, halvings: int) -> list[float]:
+        """Arc lengths between which changes of different roots lie, where they may hide each other.
+
+        slopes: of the growth of each root before `low`.
+        """
+        first, last = self._growth(low), self._growth(high)
+        if halvings == 0 or not first.size == last.size == slopes.size:
+            return []
+        grew, grows, led = first > 0.0, last > 0.0, first + slopes * (high - low) > 0.0
+        swapped = (grew & ~grows).any() and (grows & ~grew).any()
+        if not swapped and not ((grew == grows) & (led != grew)).any():
+            return []
+        middle = 0.5 * (low + high)
+        onward = self._slopes_between(low, middle)
+        return [
+            *self._between(low, middle, slopes, halvings - 1),
+            middle,
+            *self._between(middle, high, onward, halvings - 1),
+        ]
