@@ -363,10 +363,13 @@ def test_shapes_and_velocities_are_those_of_the_segments():
     assert chain.curvatures(chain.turned(in_plane, 1.1)[:, None]) == pytest.approx(planar)
 
 
-@pytest.mark.parametrize("dimensions", [1, 4, 2.5, "3"])
+@pytest.mark.parametrize("dimensions", [1, 4, 2.0, 2.5, True, "3"])
 def test_only_two_and_three_dimensions_exist(dimensions):
-    with pytest.raises((ValueError, TypeError), match="dimensions"):
-        pp.Chain(pp.Pipe(0.2), 4, dimensions=dimensions)
+    makes = [lambda **one: pp.Chain(pp.Pipe(0.2), 4, **one)]
+    makes += [lambda **one: pp.Galerkin(pp.Pipe(0.2), 4, **one)]
+    for make in (*makes, partial(pp.Continuum, pp.Pipe(0.2))):
+        with pytest.raises((ValueError, TypeError), match="dimensions must be"):
+            make(dimensions=dimensions)
 
 
 def test_circular_motions_are_those_of_models_in_space():
@@ -514,14 +517,19 @@ def test_the_planar_cycle_of_the_continuous_pipe_has_its_multiplier_across():
     assert np.abs(cycle.multipliers - 0.47873).min() < 1e-5
 
 
+@pytest.mark.filterwarnings("ignore:the largest angle:pipedyn.UnusualPipe")
 def test_a_reduced_model_stops_where_its_coordinates_end():
     model = pp.Galerkin(pp.Pipe(0.2), 4, "legendre", dimensions=3)
     q = model.bent(lambda s: 3.3 * s, lambda s: 0.2 * s)
     with pytest.raises(pp.NotResolved, match="coordinates of a reduced model in three dimensions"):
         model.rhs(0.0, np.concatenate([q, 0.0 * q]), 1.0)
     start = model.bent(lambda s: 3.0 * s, lambda s: 0.2 * s)
-    with pytest.raises(pp.MotionStopped):
-        pp.simulate(model, 1.0, 1.0, start, 10.0 * start)
+    why = "its tangent turns by 3.* rad, and the coordinates of a reduced model in three dimensions"
+    for q0, qdot0 in ((start, 10.0 * start), (q, None)):
+        with pytest.raises(pp.MotionStopped, match=why):
+            pp.simulate(model, 1.0, 1.0, q0, qdot0)
+    [failure] = pp.simulate_many(model, [1.0], 1.0, [start], 10.0 * start).failures
+    assert "coordinates of a reduced model" in str(failure.error)
 
 
 # ------------------------------------------------------------------------------ rest that is bent

@@ -123,9 +123,8 @@ class Chain(SegmentModel):
 
     def __new__(cls, *args: Any, dimensions: Literal[2, 3] = 2, **options: Any) -> Any:
         """A planar chain, or with dimensions=3 the `SpatialChain` of its segments."""
-        if dimensions == 2:
+        if check.count("dimensions", dimensions, low=2, high=3) == 2:
             return super().__new__(cls)
-        check.count("dimensions", dimensions, low=2, high=3)
         return SpatialChain(cls(*args, **options))
 
     def __init__(

@@ -81,9 +81,8 @@ class Continuum(OfPipe):
 
     def __init__(self, pipe: Pipe, dimensions: Literal[2, 3] = 2) -> None:
         super().__init__(pipe)
-        self._dimensions = dimensions
+        self._dimensions: Any = check.count("dimensions", dimensions, low=2, high=3)
         if dimensions != 2:
-            check.count("dimensions", dimensions, low=2, high=3)
             # A small model refuses pipes that have no equations in three dimensions.
             self.frozen(basis_joints(pipe).size + 2)
 

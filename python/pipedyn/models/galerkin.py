@@ -131,9 +131,8 @@ class Galerkin(MeetsSupports, Model):
 
     def __new__(cls, *args: Any, dimensions: Literal[2, 3] = 2, **options: Any) -> Any:
         """A planar model, or with dimensions=3 the `SpatialGalerkin` of its functions."""
-        if dimensions == 2:
+        if check.count("dimensions", dimensions, low=2, high=3) == 2:
             return super().__new__(cls)
-        check.count("dimensions", dimensions, low=2, high=3)
         return SpatialGalerkin(cls(*args, **options))
 
     def __init__(

@@ -23,6 +23,7 @@ from pipedyn.motion.events import Recorder
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import check_time, count_factorisations, count_right_hand_sides
+from pipedyn.util.errors import NotResolved
 from pipedyn.util.parallel import track
 from pipedyn.util.power_iteration import largest_stretch
 
@@ -40,6 +41,9 @@ METHODS: tuple[Method, ...] = get_args(Method)
 
 EARLY_ENDS = {"not finite": NOT_FINITE, "vanishing": "its step size tends to 0"}
 """Reason why a motion in the core stopped before its end, for each value of `Member.progress`."""
+
+AHEAD = 0.0, 0.125, 0.25, 0.5, 1.0, 2.0
+"""Times ahead of the last state, in samples, at which states that are not resolved are searched."""
 
 FORECAST = 400
 """Number of right-hand sides after which the number still needed is estimated. The estimate itself
@@ -287,12 +291,29 @@ def integrate(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Ou
 
 def _while_resolved(task: Task, outcome: Outcome) -> Outcome:
     """The outcome, cut before the first state whose coordinates are too large, with the reason."""
-    rows, evaluations, _ = outcome
+    rows, evaluations, why = outcome
     coordinates = rows[1:, : task.model.integrated]
     if max(coordinates.max(initial=0.0), -coordinates.min(initial=0.0)) <= task.farthest:
-        return outcome
+        return outcome if why != NOT_FINITE else (rows, evaluations, why + _unresolved(task, rows))
     beyond = np.abs(coordinates).max(axis=1) > task.farthest
     return rows[: int(np.argmax(beyond)) + 1], evaluations, _wound_up(task)
+
+
+def _unresolved(task: Task, rows: Array) -> str:
+    """What the model says of the first state ahead of the last one that it does not resolve.
+
+    The motion is extrapolated over two samples. The result is empty if all states are resolved.
+    """
+    model, size = task.model, task.model.integrated
+    times = np.append(task.t0, task.times)[: len(rows) + 1][-2:]
+    q, rates = rows[-1, :size], rows[-1, size : 2 * size]
+    for share in AHEAD if size == model.coordinates else ():
+        moved = q + share * float(np.diff(times)[0]) * rates if share else q
+        try:
+            model.equations.rhs(0.0, np.concatenate([moved, rates]), 0.0, None)
+        except NotResolved as error:
+            return f": {'ahead of it, ' * (share > 0.0)}{str(error).partition(' because ')[2]}"
+    return ""
 
 
 def _wound_up(task: Task) -> str:
