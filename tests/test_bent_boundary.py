@@ -295,3 +295,24 @@ def test_curves_in_space_end_where_a_joint_turns_over_and_failures_say_so():
     assert [curve.across for curve in found.curves] == [False, True, False]
     assert all("a joint turns by" in failure for failure in found.failures)
     assert found.failures
+
+
+@pytest.mark.parametrize(
+    ("name", "high", "gamma", "make"),
+    [
+        ("inclination", 1.5, 10.0, lambda pipe: pp.Chain(pipe, 4, dimensions=3)),
+        ("jet_angle", 0.6, 0.0, lambda pipe: pp.Galerkin(pipe, 5, "legendre", dimensions=3)),
+    ],
+)
+def test_boundaries_and_maps_run_from_a_straight_pipe_to_bent_ones(name, high, gamma, make):
+    model = make(pp.Pipe(0.2, gamma, damping=0.001))
+    ranges = {name: (0.0, high), "u": (4.0, 8.0)}
+    found = pp.boundary(model, name, "u", ranges, criticality=False, only_stability=True)
+    across, along = sorted(found.curves, key=lambda curve: -curve.across)
+    assert (across.across, along.across, found.failures) == (True, False, ())
+    assert across.x.min() == along.x.min() == 0.0
+    assert along.x.max() == across.x.max() == high
+    few = slice(None, None, across.x.size // 4)
+    critical = pp.critical_speeds(model, {name: across.x[few]})
+    assert critical.speeds == pytest.approx(across.y[few], rel=1e-8)
+    assert critical.across[across.x[few] > 0.1].all()

@@ -250,13 +250,6 @@ def test_what_cannot_be_asked_of_a_sagging_pipe_says_why():
         pp.floquet(model, pp.Pulsation(4.0, 0.1, 20.0))
     with pytest.raises(ValueError, match=r"^pipe must rest straight"):
         pp.plot.Exploration(level(), 4)
-    with pytest.raises(ValueError, match="the straight pipe is no equilibrium where gravity acts"):
-        pp.boundary(
-            pp.Continuum(pp.Pipe(0.2)),
-            "inclination",
-            "u",
-            {"inclination": (0.0, 1.0), "u": (2.0, 8.0)},
-        )
     arch = pp.Chain(level(end="clamped"), 12)
     with pytest.raises(
         pp.NotConverged, match=r"does not reach u = 12: it is not followed beyond u"

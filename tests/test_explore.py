@@ -279,6 +279,10 @@ def test_the_picture_is_in_si_on_request(against):
         (lambda: plot.Exploration(PIPE, 5, ranges={"beta": (0.9, 0.2)}), "must be (low, high)"),
         (lambda: plot.Exploration(PIPE, 5, ranges={"beta": 0.2}), "ranges['beta'] must be one-dim"),
         (lambda: plot.Exploration(pp.Pipe(0.2, jet_angle=0.1), 5), "pipe must rest straight"),
+        (
+            lambda: plot.Exploration(PIPE, 5, ranges={"inclination": (-3.0, 3.0)}),
+            "ranges['inclination'] must leave the pipe straight at rest",
+        ),
     ],
 )
 def test_bad_arguments_are_refused(call, message):

@@ -145,7 +145,6 @@ OWN_NUMBERS = {
         r"\psi",
         (-math.pi, math.pi),
         flow="ejecting",
-        no_linear_effect="the straight pipe is no equilibrium of an inclined jet",
         effect="jet angle",
         usual=(-0.5 * math.pi, 0.5 * math.pi),  # a nozzle does not point backward
     ),
@@ -156,7 +155,6 @@ OWN_NUMBERS = {
         "inclination",
         r"\iota",
         (-math.pi, math.pi),
-        no_linear_effect="the straight pipe is no equilibrium where gravity acts across it",
         effect="inclination",
     ),
 }

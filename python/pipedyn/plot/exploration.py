@@ -75,6 +75,9 @@ EIGENVALUE_ROUNDING = 1e-9
 ALWAYS = ("beta", "gamma", "damping")
 """Numbers of the pipe that always have a slider; their sliders follow the slider of u."""
 
+ANGLES = ("inclination", "jet_angle")
+"""Numbers of the pipe that have no slider, as they bend it."""
+
 FRAMES = 16
 """Number of frames in each cycle of the mode in a film. Straight lines between frames differ from
 the motion by 2 % of the amplitude."""
@@ -414,9 +417,18 @@ def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
     own = {"u": {"low": 0.0, "high": 1e3}, "segments": {"low": 1.0, "high": float(MOST_SEGMENTS)}}
     found = {}
     for name in ranges:
-        if name not in own:
-            own[name] = checked_number("a name in ranges", name, pipe, others=tuple(own)).rule
-        found[name] = check.interval(f"ranges[{name!r}]", ranges[name], **own[name])
+        straight = name not in ANGLES
+        if name in own:
+            found[name] = check.interval(f"ranges[{name!r}]", ranges[name], **own[name])
+        else:
+            number = checked_number("a name in ranges", name, pipe, others=tuple(own))
+            found[name] = check.interval(f"ranges[{name!r}]", ranges[name], **number.rule)
+            straight &= all(number.changed(pipe, end).rests_straight for end in found[name])
+        if not straight:
+            raise ValueError(
+                f"ranges[{name!r}] must leave the pipe straight at rest, as its small motions "
+                f"about that are shown, got {check.shown(ranges[name])}"
+            )
     return found
 
 
@@ -431,7 +443,7 @@ def _slider_numbers(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumbe
         number = numbers[name]
         holder = type(pipe if number.term is None else pipe.terms[number.term])
         usual = number.of(pipe) == getattr(holder, number.attribute, None)
-        if name in given or name in ALWAYS or not usual:
+        if name not in ANGLES and (name in given or name in ALWAYS or not usual):
             found[name] = number
     return found
 
