@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import BranchStep, Control, DenseProblem, Point
 from pipedyn.continuation.tracer import Tracer, folds
-from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
 from pipedyn.models.base import Model, Operators
 from pipedyn.models.continuum import AnyModel
@@ -128,9 +127,6 @@ class BranchOfRest:
 
     def roots(self, x: Array, u: float, plane: int) -> Complex:
         """Eigenvalues of motions in the plane of rest (0) or, in three dimensions, across (1)."""
-        if self.model.pipe.hysteresis:  # acts on oscillation alone
-            problem = eigenproblem(self.about(x)).planes[plane]
-            return problem.lowest(u, 2 * problem.dof).values
         return eigenvalues_of(*self.matrices(x, u, plane))
 
     def matrices(self, x: Array, u: float, plane: int) -> tuple[Array, Array, NDArray[Any]]:
