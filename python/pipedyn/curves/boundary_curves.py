@@ -100,8 +100,8 @@ class TracedCurve:
     marks: list[tuple[int, int]] = field(default_factory=list)
     values: Array = field(default_factory=lambda: np.empty((0, 2)))
 
-    def segments(self) -> Iterator[BranchStep[AxisProblem]]:
-        """Segments of the curve between neighbouring points."""
+    def steps(self) -> Iterator[BranchStep[AxisProblem]]:
+        """Steps along the curve between neighbouring points."""
         for a, b in pairwise(self.points):
             self.problem.renew()
             yield BranchStep(self.problem, a, b)
@@ -119,7 +119,7 @@ class TracedCurve:
 
     def holds(self, z: Array) -> bool:
         """Whether a solution z of the same equations lies on the curve."""
-        return any(passes_through(segment, z, -AT_END) for segment in self.segments())
+        return any(passes_through(step, z, -AT_END) for step in self.steps())
 
 
 class CurveTracer:
@@ -250,9 +250,9 @@ def on_sheet(
         problem.renew()
         last, turn = len(way) - 1, turn_along(problem, way[-2 if len(way) > 1 else -1])
         if turn(way[-1]) < 0.0:
-            segment = BranchStep(problem, *way[-2:])
-            test = TestFunction(segment, 1e-9 * segment.length, turn)
-            way[-1] = segment.at(next(test.changes(0.0, segment.length))[0])
+            step = BranchStep(problem, *way[-2:])
+            test = TestFunction(step, 1e-9 * step.length, turn)
+            way[-1] = step.at(next(test.changes(0.0, step.length))[0])
             last -= 1  # a rest that turns back is known to the root of rounding only
         checked = [*range(POINTS_A_CHECK, last, POINTS_A_CHECK), last]
         bad = next((k for k in checked if not follows(way[k])), 0)
@@ -261,12 +261,12 @@ def on_sheet(
             while bad - good > 1:
                 middle = (good + bad) // 2
                 good, bad = (middle, bad) if follows(way[middle]) else (good, middle)
-            segment = BranchStep(problem, way[good], way[bad])
-            low, high = 0.0, segment.length
-            while high - low > ON_SHEET * segment.length:
+            step = BranchStep(problem, way[good], way[bad])
+            low, high = 0.0, step.length
+            while high - low > ON_SHEET * step.length:
                 half = 0.5 * (low + high)
-                low, high = (half, high) if follows(segment.at(half)) else (low, half)
-            way, end = [*way[: good + 1], *([segment.at(low)] if low else [])], "fold"
+                low, high = (half, high) if follows(step.at(half)) else (low, half)
+            way, end = [*way[: good + 1], *([step.at(low)] if low else [])], "fold"
         before = [Point(point.z, -point.tangent) for point in whole[:0:-1]]
         whole, why = before + way, [*why, end]
     return whole, (why[0], why[1])

@@ -186,7 +186,7 @@ class BranchOfRest:
             tracer = Tracer[DenseProblem]([(-1, -1.0, 1.0)], MOST_RESTS)
             try:
                 first = growing.point(*start)
-                steps = growing.segments(first, 0.5 * longest)
+                steps = growing.steps(first, 0.5 * longest)
                 points, end, why = tracer.one_way(steps, growing, first)
             except NewtonFailed as error:
                 points, end, why = [], "not converged", str(error)
@@ -221,7 +221,7 @@ class BranchOfRest:
         branch = DenseProblem(self.equations, self.size, 2.0, control)
         try:
             start = branch.point(np.append(x, 0.0), np.append(0.0 * x, 1.0))
-            steps = branch.segments(start, 0.5 * longest, [(-1, mark) for mark in marks])
+            steps = branch.steps(start, 0.5 * longest, [(-1, mark) for mark in marks])
             _, reason, why = _RestTracer(end, note).one_way(steps, branch, start)
         except NewtonFailed as error:
             reason, why = "not converged", str(error)
