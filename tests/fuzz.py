@@ -1509,6 +1509,7 @@ def _kept() -> Iterator[Target]:
         measurements=Kind(one_of(measured, tuple(measured)), listed([], None, [3], 3)),
         unknowns=Kind(names, any_of(NONE, *NOTHINGS, wrong)),
         dimensions=either([2, 3], 0, 1, 4, NAN, 2.5, [3]),
+        progress=FLAG,
     )
 
 

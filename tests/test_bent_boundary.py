@@ -316,3 +316,20 @@ def test_boundaries_and_maps_run_from_a_straight_pipe_to_bent_ones(name, high, g
     critical = pp.critical_speeds(model, {name: across.x[few]})
     assert critical.speeds == pytest.approx(across.y[few], rel=1e-8)
     assert critical.across[across.x[few] > 0.1].all()
+
+
+@silent
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_a_curve_that_meets_a_line_twice_between_its_samples_is_found(dimensions):
+    """A force to either side bends the pipe, which then flutters earlier than the hanging one."""
+    pipe = pp.Pipe(0.2, 10.0, damping=0.005, terms=[pp.Load(1.0, (1.0, 0.0))])
+    chain = pp.Chain(pipe, 3, dimensions=dimensions)
+    window = {"Load.force_x": (-3.0, 4.0), "beta": (0.17, 0.20005)}
+    found = pp.boundary(chain, *window, window, u=5.468, criticality=False)
+    assert [one.across for one in found.curves] == ([None] if dimensions == 2 else [False, True])
+    for curve in found.curves:
+        assert curve.ends == ("range", "range")
+        assert curve.x[[0, -1]] == pytest.approx([-abs(curve.x[0]), abs(curve.x[0])], abs=1e-8)
+        assert abs(curve.x[0]) < 0.3
+        assert_on_the_axis(found, curve, 0)
+        assert_on_the_axis(found, curve, len(curve) // 2)

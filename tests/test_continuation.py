@@ -42,7 +42,7 @@ def test_a_closed_curve_is_followed_once_around_both_folds(step, p0):
     points, ends, reasons = tracer.both_ways(circle, start, 0.2 * step)
     assert ends == ("closed", "closed")
     assert reasons == ("", "")
-    steps = circle.segments(start, 0.2 * step, [(-1, p0)])  # with a point wherever it passes p0
+    steps = circle.steps(start, 0.2 * step, [(-1, p0)])  # with a point wherever it passes p0
     marked, end, _ = tracer.one_way(steps, circle, start)
     assert end == "closed"
     assert [point.p for point in marked].count(p0) == 3

@@ -76,6 +76,17 @@ def test_exact_measurements_give_the_numbers_back():
     assert found.pipe.damping == pytest.approx(TRUE.damping)
 
 
+def test_progress_of_scan_lines_and_searches_changes_nothing_but_stderr(terminal):
+    measured = MEASURED[:2]
+    quiet = pp.identify(GUESS, measured, ["bending_stiffness"])
+    assert terminal.readouterr().err == ""
+    shown = pp.identify(GUESS, measured, ["bending_stiffness"], progress=True)
+    said = terminal.readouterr().err
+    for label in ("scan of the ranges", "lines from an optimum", "searches, 16 functions"):
+        assert f"{label}: 100 %" in said
+    np.testing.assert_array_equal(shown.values, quiet.values)
+
+
 def test_uncertainties_are_the_spread_of_estimates_from_noisy_measurements():
     unknowns = EVERY[:2]
     rigid = hose(damping_time=DAMPING_TIME)

@@ -220,7 +220,7 @@ class Continuation(ABC):
         longer = 1.5 if straight > math.cos(0.5 * control.turn) else 1.0
         return BranchStep(self, start, found), min(longer * step, control.longest)
 
-    def segments(
+    def steps(
         self: Equations, start: Point, step: float, marks: Iterable[tuple[int, float]] = ()
     ) -> Iterator[BranchStep[Equations]]:
         """Endless sequence of steps along the branch; NewtonFailed if none can be taken.
@@ -228,10 +228,10 @@ class Continuation(ABC):
         A step ends where an entry of z passes one of the marks, pairs of its index and a value.
         """
         while True:
-            segment, step = self.next(start, step)
-            segment = segment.up_to(marks)
-            yield segment
-            start = segment.end
+            taken, step = self.next(start, step)
+            taken = taken.up_to(marks)
+            yield taken
+            start = taken.end
 
 
 @saved_as("StepAlongBranch")
@@ -245,13 +245,13 @@ class BranchStep(Generic[Equations]):
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> BranchStep[Equations]:
-        """The segment with fields from a file; TypeError if `problem` is no `Continuation`."""
+        """The step with fields from a file; TypeError if `problem` is no `Continuation`."""
         check.instance("problem", fields["problem"], Continuation, "equations")
         return cls(**fields)
 
     @property
     def length(self) -> float:
-        """Arc length of the segment, measured along the tangent at its beginning."""
+        """Arc length of the step, measured along the tangent at its beginning."""
         return self.reach(self.end.z)
 
     def ahead(self, s: float) -> Array:
@@ -313,7 +313,7 @@ class BranchStep(Generic[Equations]):
     def up_to(self, marks: Iterable[tuple[int, float]]) -> BranchStep[Equations]:
         """The part up to the first place where an entry of z passes one of the marks.
 
-        `marks` are pairs (index of the entry, value). If none is passed, it is the whole segment.
+        `marks` are pairs (index of the entry, value). If none is passed, it is the whole step.
         """
         z, end = self.begin.z, self.end.z
         passed = [(i, v) for i, v in marks if (v - z[i]) * (end[i] - v) > 0.0]
@@ -323,7 +323,7 @@ class BranchStep(Generic[Equations]):
         return replace(self, end=self.problem.point(cut, self.begin.tangent))
 
     def parts(self, lengths: list[float]) -> list[BranchStep[Equations]]:
-        """The segments into which points at these arc lengths divide this segment."""
+        """The steps into which points at these arc lengths divide this one."""
         points = [self.begin, *map(self.at, lengths), self.end]
         return [replace(self, begin=a, end=b) for a, b in pairwise(points)]
 

@@ -176,12 +176,12 @@ def follow(
         failures += _proportion(every[:, :-1], scale)
     marked, unknown = list[MarkedPoint](), dict[str, str]()
     for i, (a, b) in enumerate(pairwise(solutions)):
-        segment, found = BranchStep(solver, a, b), list[tuple[float, str]]()
+        taken, found = BranchStep(solver, a, b), list[tuple[float, str]]()
         # Rounding may hide a zero at an end; a closed branch ends at its first point.
         near = i == 0 and ends[0] != "closed", i == len(solutions) - 2
         for name, test in (("fold", None), *given.items()):
             try:
-                found += [(s, str(name)) for s in _folds_or_zeros(segment, name, test, near)]
+                found += [(s, str(name)) for s in _folds_or_zeros(taken, name, test, near)]
             except Exception as error:  # whatever the user's functions raise
                 what = "folds" if test is None else f"zeros of tests[{str(name)!r}]"
                 unknown.setdefault(
@@ -190,7 +190,7 @@ def follow(
                     f"on: {reason_of(error)}",
                 )
         for s, kind in sorted(found):
-            z = segment.at(s).z
+            z = taken.at(s).z
             marked.append(MarkedPoint(kind, z[:-1].copy(), float(z[-1])))
     failures += unknown.values()
     tangents = np.array([point.tangent for point in solutions])

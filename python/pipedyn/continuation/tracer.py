@@ -252,11 +252,11 @@ class Tracer(Generic[Equations]):
             start: a solution with its tangent, within the limits.
             step: length of the first step.
         """
-        ahead, last, why_last = self.one_way(problem.segments(start, step), problem, start)
+        ahead, last, why_last = self.one_way(problem.steps(start, step), problem, start)
         if last == "closed":
             return ahead, ("closed", "closed"), ("", "")
         turned = Point(start.z, -start.tangent)
-        back, first, why_first = self.one_way(problem.segments(turned, step), problem, turned)
+        back, first, why_first = self.one_way(problem.steps(turned, step), problem, turned)
         before = [Point(point.z, -point.tangent) for point in back[:0:-1]]
         ends = cast("tuple[BranchEnd, BranchEnd]", (first, last))
         return before + ahead, ends, (why_first, why_last)

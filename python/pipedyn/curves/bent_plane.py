@@ -11,17 +11,16 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Sequence
 from functools import cached_property
-from itertools import pairwise
-from typing import TypeAlias
 
 import numpy as np
 import scipy
 
 from pipedyn.linear.bent_crossings import SearchOfRest
-from pipedyn.linear.neutral import grows
-from pipedyn.linear.plane import ON_EDGE, SAMPLES, Matrices, Plane, times
+from pipedyn.linear.plane import ON_EDGE, Matrices, Plane, times
 from pipedyn.linear.rest import SAME_REST, BranchOfRest, lost_rest
+from pipedyn.linear.sensitivity import Crossing
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged
 
@@ -35,13 +34,6 @@ RESTING = 1e-10
 SAME_SHEET = 1e-3
 """Largest distance, in rad, of a rest from that which follows the flow. At a fold the latter is
 known to the square root of the error of the fold."""
-
-BETWEEN_SAMPLES = 1e-3
-"""Share of a line to which a change of the number of growing roots is narrowed down, from which
-Newton's method then starts."""
-
-OnLine: TypeAlias = tuple[float, float, int]
-"""A crossing of the axis on a line: the number there, the frequency, and the index of the plane."""
 
 BESIDE = 1e-3
 """Distance from a fold, in rad, at which the curvature of the surface of equilibria is found."""
@@ -251,63 +243,59 @@ class BentPlane(Plane):
 
     # ----------------------------------------------------------------------- lines over the window
 
-    def crossed(self, line: Array, along: int) -> tuple[list[OnLine], str]:
-        """Crossings of the axis on the line through (x, y) along x (0) or y (1); what failed.
+    def pairs(self, at: Array) -> tuple[Complex, Complex]:
+        """Eigenvalues and slopes as of `Plane`; none where the pipe does not come to rest."""
+        try:
+            return super().pairs(self.settled(at))
+        except NotConverged:
+            return np.empty(0, dtype=complex), np.empty((2, 0), dtype=complex)
 
-        Along the flow speed the rest is followed with its roots. Along another number, numbers of
-        growing roots are compared between samples, so that two crossings between them are missed.
+    def _stiffnesses(self, at: Array) -> tuple[Complex, Complex]:
+        """Numbers that pass 0 at divergences on a line, with their slopes as of `pairs`.
+
+        Across the plane of rest they are the real eigenvalues of K. In that plane it is 1 where the
+        pipe comes to rest, and -1 beyond the fold at which the rest turns back.
         """
-        if along == self.speed_index:
-            return self._along_speed(line)
-        low, size = float(self.window.low[along]), float(self.window.size[along])
+        try:
+            at = self.settled(at)
+        except NotConverged:
+            none = np.empty(0) if self.across else np.full(1, -1.0)
+            return none.astype(complex), np.zeros((2, none.size), dtype=complex)
+        if not self.across:
+            return np.ones(1, dtype=complex), np.zeros((2, 1), dtype=complex)
+        (_, _, stiffness), *changes = self.matrices(at)
+        values, left, right = scipy.linalg.eig(stiffness.real, left=True)
+        real = values.imag == 0.0
+        values, left, right = values[real], left[:, real].conj().T, right[:, real]
+        sizes = np.sum(left.T * right, axis=0)
+        slopes = [np.sum(left.T * (one[2].real @ right), axis=0) / sizes for one in changes]
+        return values, self.window.size[:, None] * np.array(slopes)
 
-        def states(share: float) -> list[Complex] | None:
-            at = line.copy()
-            at[along] = low + share * size
-            try:
-                at = self.settled(at)
-            except NotConverged:
-                return None
-            each = [Plane.eigenvalues(one, at) for one in self.planes]
-            return [values[grows(values)] for values in each]
+    def static_roots(self, at: Array, index: int) -> list[float]:
+        """Values of x (index 0) or y (1) next to divergences on the line through (x, y).
 
-        def differ(one: list[Complex] | None, other: list[Complex] | None, k: int) -> bool:
-            if one is None or other is None:
-                return one is not other and k == 0
-            return one[k].size != other[k].size
+        Those along the flow speed are among the results of `along_speed`. Two folds that are closer
+        to each other than samples, so that the pipe does not come to rest between them, are missed.
+        """
+        if index == self.speed_index:
+            return []
+        low, size = float(self.window.low[index]), float(self.window.size[index])
+        return [low + share * size for share, _ in self._on_line(self._stiffnesses, at, index)[0]]
 
-        found = list[OnLine]()
-        shares = np.linspace(0.0, 1.0, SAMPLES // 2 + 1).tolist()
-        samples = [(share, states(share)) for share in shares]
-        for before, beyond in pairwise(samples):
-            for k in range(len(self.planes)):
-                (a, one), (b, other) = before, beyond
-                while differ(one, other, k) and b - a > BETWEEN_SAMPLES:
-                    middle = 0.5 * (a + b)
-                    there = states(middle)
-                    if differ(one, there, k):
-                        b, other = middle, there
-                    else:
-                        a, one = middle, there
-                if differ(one, other, k):
-                    frequency = 0.0
-                    if one is not None and other is not None:
-                        more = one[k] if one[k].size > other[k].size else other[k]
-                        frequency = abs(float(more[np.argmin(more.real)].imag))
-                    found.append((low + 0.5 * (a + b) * size, frequency, k))
-        return found, ""
+    def along_speed(self, line: Array) -> Sequence[Crossing]:
+        """Crossings of the axis along the rest that follows the flow speed, up to its range's end.
 
-    def _along_speed(self, line: Array) -> tuple[list[OnLine], str]:
+        Raises:
+            NotConverged: if the rest is lost elsewhere than at a fold, with the crossings before.
+        """
         assert self.speed_index is not None
-        low, size = (float(one[self.speed_index]) for one in (self.window.low, self.window.size))
+        end = float(self.window.low[self.speed_index] + self.window.size[self.speed_index])
         counted = 2 * self.modes * len(self.planes)
-        search, failed = SearchOfRest(self.model_at(line), low + size, False, counted), ""
+        search = SearchOfRest(self.model_at(line), end, False, counted)
         try:
             search.run()
-        except NotConverged as error:
+        except NotConverged:
             last = search.found[-1].crossing if search.found else None
             if last is None or last.kind == "flutter" or last.across:
-                failed = str(error)
-        every = [one.crossing for one in search.found]
-        every = [one for one in every if one.speed >= max(low, 1e-9)]
-        return [(one.speed, one.frequency, int(bool(one.across))) for one in every], failed
+                raise
+        return [one.crossing for one in search.found]

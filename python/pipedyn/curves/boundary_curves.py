@@ -38,7 +38,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import track
+from pipedyn.util.parallel import outcome_of, track
 
 LONGEST_STEP, LARGEST_TURN = 0.04, 0.18
 """Longest step, as a share of the window's sides, and largest angle, in rad, between neighbouring
@@ -100,8 +100,8 @@ class TracedCurve:
     marks: list[tuple[int, int]] = field(default_factory=list)
     values: Array = field(default_factory=lambda: np.empty((0, 2)))
 
-    def segments(self) -> Iterator[BranchStep[AxisProblem]]:
-        """Segments of the curve between neighbouring points."""
+    def steps(self) -> Iterator[BranchStep[AxisProblem]]:
+        """Steps along the curve between neighbouring points."""
         for a, b in pairwise(self.points):
             self.problem.renew()
             yield BranchStep(self.problem, a, b)
@@ -119,7 +119,7 @@ class TracedCurve:
 
     def holds(self, z: Array) -> bool:
         """Whether a solution z of the same equations lies on the curve."""
-        return any(passes_through(segment, z, -AT_END) for segment in self.segments())
+        return any(passes_through(step, z, -AT_END) for step in self.steps())
 
 
 class CurveTracer:
@@ -250,9 +250,9 @@ def on_sheet(
         problem.renew()
         last, turn = len(way) - 1, turn_along(problem, way[-2 if len(way) > 1 else -1])
         if turn(way[-1]) < 0.0:
-            segment = BranchStep(problem, *way[-2:])
-            test = TestFunction(segment, 1e-9 * segment.length, turn)
-            way[-1] = segment.at(next(test.changes(0.0, segment.length))[0])
+            step = BranchStep(problem, *way[-2:])
+            test = TestFunction(step, 1e-9 * step.length, turn)
+            way[-1] = step.at(next(test.changes(0.0, step.length))[0])
             last -= 1  # a rest that turns back is known to the root of rounding only
         checked = [*range(POINTS_A_CHECK, last, POINTS_A_CHECK), last]
         bad = next((k for k in checked if not follows(way[k])), 0)
@@ -261,12 +261,12 @@ def on_sheet(
             while bad - good > 1:
                 middle = (good + bad) // 2
                 good, bad = (middle, bad) if follows(way[middle]) else (good, middle)
-            segment = BranchStep(problem, way[good], way[bad])
-            low, high = 0.0, segment.length
-            while high - low > ON_SHEET * segment.length:
+            step = BranchStep(problem, way[good], way[bad])
+            low, high = 0.0, step.length
+            while high - low > ON_SHEET * step.length:
                 half = 0.5 * (low + high)
-                low, high = (half, high) if follows(segment.at(half)) else (low, half)
-            way, end = [*way[: good + 1], *([segment.at(low)] if low else [])], "fold"
+                low, high = (half, high) if follows(step.at(half)) else (low, half)
+            way, end = [*way[: good + 1], *([step.at(low)] if low else [])], "fold"
         before = [Point(point.z, -point.tangent) for point in whole[:0:-1]]
         whole, why = before + way, [*why, end]
     return whole, (why[0], why[1])
@@ -329,65 +329,57 @@ def line_starts(
     """
     window = plane.window
     found, failures = list[CurveStart](), list[str]()
-    extremes = list[tuple[int, Array, float, complex]]()
+    extremes = list[tuple[Plane, int, Array, float, complex]]()
 
     def on(line: Array, along: int, value: float) -> Array:
         """The point (x, y) of a line along x (0) or y (1) at which that number has a value."""
         return np.where([along == 0, along == 1], value, line)
 
-    def add(along: int, line: Array, value: float, frequency: float, plane: int = 0) -> None:
+    def add(along: int, line: Array, value: float, frequency: float, across: bool | None) -> None:
         x, y = (on(line, along, value) - window.low) / window.size
         z = np.array([frequency, y, x] if frequency else [y, x])
-        found.append(CurveStart(z, -2 if along == 0 else -1, plane))
+        found.append(CurveStart(z, -2 if along == 0 else -1, int(bool(across))))
 
-    if isinstance(plane, BentPlane):
-        every = [
-            (along, value)
-            for along in (1, 0)
-            for value in plane.lines(
-                1 - along, LINES_OF_SPEED if plane.speed_index == along else LINES
-            )
-        ]
-        for along, value in track(every, len(every), "lines", shown):
-            crossed, failed = plane.crossed(line := np.full(2, value), along)
-            for one in crossed:
-                add(along, line, *one)
-            failures += [f"crossings at {value:.6g}: {failed}"] if failed else []
-        return found, failures
     for along in (1, 0):
         by_speed = plane.speed_index == along
         low, size = float(window.low[along]), float(window.size[along])
         across = plane.lines(1 - along, LINES_OF_SPEED if by_speed else LINES)
         lines = [np.full(2, value) for value in across]
-        answers: list[Any] = [([], [])] * len(lines)
-        if by_speed:
-            answers = stability_losses([plane.model_at(line) for line in lines], low + size)
+        answers: Iterable[Any] = [()] * len(lines)
+        if by_speed and isinstance(plane, BentPlane):
+            answers = (outcome_of(plane.along_speed, line) for line in lines)
+        elif by_speed:
+            every = stability_losses([plane.model_at(line) for line in lines], low + size)
+            answers = [one if isinstance(one, Exception) else one[1] for one in every]
         label = f"lines along {'xy'[along]}"
         searched_lines = track(zip(lines, answers, strict=True), len(lines), label, shown)
         for k, (line, answer) in enumerate(searched_lines):
-            for value in plane.static_roots(line, along):
-                add(along, line, value, 0.0)
             if isinstance(answer, Exception):
                 failures.append(f"crossings at {line[1 - along]:.6g}: {answer}")
-                answer = [], []
-            for crossing in answer[1]:
-                frequency = crossing.frequency if crossing.speed >= max(low, 1e-9) else 0.0
+                answer = getattr(answer, "result", None) or ()
+            for crossing in answer:
+                if crossing.speed < max(low, 1e-9):
+                    continue
+                frequency = crossing.frequency
                 if plane.conservative:
                     meets = crossing.kind == "flutter"
                     frequency = plane.meeting(on(line, along, crossing.speed)) if meets else 0.0
-                if frequency:
-                    add(along, line, crossing.speed, frequency)
+                if frequency or plane.rest_size:
+                    add(along, line, crossing.speed, frequency, crossing.across)
             # Without flow only damping moves roots.
             searched = k % (LINES_OF_SPEED // 2) == 0 if by_speed else plane.speed_at(line) > 0.0
-            if searched and not plane.conservative:
-                passing, others = plane.sections(line, along, halved=not by_speed)
-                extremes += [(along, line, *one) for one in others]
-                for share, root in () if by_speed else passing:
-                    add(along, line, low + size * share, root.imag)
-    for along, at, share, root in track(extremes, len(extremes), "paths uphill", shown):
+            for one in plane.planes:
+                for value in one.static_roots(line, along):
+                    add(along, line, value, 0.0, one.across)
+                if searched and not plane.conservative:
+                    passing, others = one.sections(line, along, halved=not by_speed)
+                    extremes += [(one, along, line, *extreme) for extreme in others]
+                    for share, root in () if by_speed else passing:
+                        add(along, line, low + size * share, root.imag, one.across)
+    for one, along, at, share, root in track(extremes, len(extremes), "paths uphill", shown):
         z = (at - window.low) / window.size
         z[along] = share
-        start = flutter_start(plane, z, root, only_stability)
+        start = flutter_start(one, z, root, only_stability)
         if start is not None:
             found.append(start)
     return found, failures
@@ -420,7 +412,8 @@ def flutter_start(plane: Plane, z: Array, root: complex, only_stability: bool) -
             share = root.real / (root.real - there.real)
             x, y = begin + share * (z - begin)
             kept = -2 if abs(slope[0].real) > abs(slope[1].real) else -1
-            found.append(CurveStart(np.array([(root + share * (there - root)).imag, y, x]), kept))
+            passing = np.array([(root + share * (there - root)).imag, y, x])
+            found.append(CurveStart(passing, kept, int(bool(plane.across))))
             raise StopIteration
         begin, root, slope = z, there, slopes[:, k]
         return -uphill * there.real, -uphill * FIRST_CLIMB * slope.real

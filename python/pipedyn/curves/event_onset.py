@@ -86,7 +86,7 @@ class Onset:
     def _between_turns(self, curve: TracedCurve) -> Iterator[list[OnsetStep]]:
         """Steps of the parts of a curve on which the second number does not turn back."""
         i, part = -1 - self.plane.second, list[OnsetStep]()
-        for step in curve.segments():
+        for step in curve.steps():
             turns = TestFunction(step, 1e-10 * step.length, lambda point: point.tangent[i])
             first, *others = step.parts([s for _, s in turns.changes(0.0, step.length)])
             part.append(first)

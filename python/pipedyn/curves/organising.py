@@ -249,20 +249,18 @@ def double_points(
         # Gyroscopic forces may stabilise roots; eigenvalues of K show where another root passes 0.
         stiffness = [_beside(plane, curve.problem, point.z) for point in curve.points]
         counts = np.array([np.count_nonzero(one < 0.0) for one in stiffness])
-    for k, (segment, (before, after)) in enumerate(
-        zip(curve.segments(), pairwise(counts), strict=True)
-    ):
+    for k, (step, (before, after)) in enumerate(zip(curve.steps(), pairwise(counts), strict=True)):
         if before == after:
             continue
         try:
-            for s, guess in _approximate_points(segment, plane):
+            for s, guess in _approximate_points(step, plane):
                 bent = plane.rest_size > 0
                 one = guess if bent else guess.solved(plane, curve.problem.control)
                 is_special = plane.straight_near if bent else plane.conservative_near
                 if one.modes == 2 or not is_special(one.at[::-1], AT_EDGE):
                     yield (k, s), one
         except NewtonFailed as error:
-            x, y = curve.problem.place(segment.begin.z)
+            x, y = curve.problem.place(step.begin.z)
             yield (
                 f"on the curve of {curve.problem.kind} beyond ({x:.6g}, {y:.6g}) the number of "
                 f"other unstable roots changes from {before} to {after}; the organising point "
@@ -286,8 +284,8 @@ def separate(plane: Plane, curve: TracedCurve, places: list[tuple[int, float, in
             continue
         with suppress(NewtonFailed):
             curve.problem.renew()
-            segment = BranchStep(curve.problem, *curve.points[step : step + 2])
-            point = segment.at(0.5 * (left + right))
+            part = BranchStep(curve.problem, *curve.points[step : step + 2])
+            point = part.at(0.5 * (left + right))
             curve.points.insert(step + 1, point)
             count = others_unstable(plane, curve.problem, point.z)
             curve.counts = np.insert(curve.counts, step + 1, count)
@@ -451,14 +449,14 @@ def changes_of_criticality(
             raise NewtonFailed("the criticality is not known all along the step")
         return found
 
-    for k, segment in enumerate(curve.segments()):
+    for k, step in enumerate(curve.steps()):
         ends = leading[k : k + 2]
         if curve.counts[k : k + 2].any() or not ends[0] * ends[1] < 0.0:
             continue
-        test = TestFunction(segment, 1e-11 * segment.length, decisive)
+        test = TestFunction(step, 1e-11 * step.length, decisive)
         try:
-            for before, beyond in test.changes(0.0, segment.length):
-                middle = segment.at(0.5 * (before + beyond))
+            for before, beyond in test.changes(0.0, step.length):
+                middle = step.at(0.5 * (before + beyond))
                 # The coefficient passes through infinity where two pairs meet.
                 infinite = abs(decisive(middle)) > 1e-3 * np.abs(ends).max()
                 if infinite or plane.conservative_near(middle.z[[-1, -2]], AT_EDGE):
@@ -468,7 +466,7 @@ def changes_of_criticality(
                 yield k, OrganisingPoint(kind, float(x), float(y), (omega,) if omega else (), 0)
                 break  # rounding may lead to several zeros near a single one
         except (NewtonFailed, ValueError) as error:
-            x, y = problem.place(segment.begin.z)
+            x, y = problem.place(step.begin.z)
             yield (
                 f"a point of kind {kind} near ({x:.6g}, {y:.6g}), where the criticality "
                 f"changes, was not solved for: {error}"

@@ -900,7 +900,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
     def followed(self, branch: DenseProblem) -> str:
         """Follows the branch, and returns why it ends."""
         start = self.points[0]
-        steps = branch.segments(start, 0.2 * self.longest, [(-1, start.p)])
+        steps = branch.steps(start, 0.2 * self.longest, [(-1, start.p)])
         return self.one_way(steps, branch, start)[1]
 
     def note(self, step: BranchStep[DenseProblem]) -> str | None:

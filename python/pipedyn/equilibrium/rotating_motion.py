@@ -279,7 +279,7 @@ class _RotatingTracer(Tracer[DenseProblem]):
             return [], "not converged", str(failed)
         if self.until is None and not self.is_over(start):
             self.path.append(start.z)
-        steps = problem.segments(start, FIRST_RADIUS, self.marks)
+        steps = problem.steps(start, FIRST_RADIUS, self.marks)
         return self.one_way(steps, problem, start)
 
     def note(self, step: BranchStep[DenseProblem]) -> str | None:

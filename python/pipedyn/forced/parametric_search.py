@@ -412,7 +412,7 @@ class _EdgeTracer(Tracer[Edge]):
         if self.way < 0.0 or z[-1] != self.largest:
             self.edge.renew(z)
             start = self.edge.point(z, np.append(np.zeros(z.size - 1), self.way))
-            self.one_way(self.edge.segments(start, 0.02))
+            self.one_way(self.edge.steps(start, 0.02))
 
     def passes(self, step: BranchStep[Edge]) -> None:
         """Notes the edge at the amplitudes asked for on a step, in which none turns back."""

@@ -32,7 +32,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError, warn_of_number, warn_of_plane
-from pipedyn.util.parallel import one_thread
+from pipedyn.util.parallel import one_thread, track
 from pipedyn.util.result import TableResult
 
 MeasuredQuantity = Literal[
@@ -254,6 +254,7 @@ def identify(
     unknowns: Sequence[str] | Mapping[str, tuple[float, float]],
     *,
     dimensions: Literal[2, 3] = 2,
+    progress: bool = False,
 ) -> Identification:
     """Estimates numbers of a pipe from measured frequencies, decay rates and critical speeds.
 
@@ -267,6 +268,8 @@ def identify(
             30 from the pipe's value, within the range that the number has.
         dimensions: 3 if the pipe may also move across the plane in which a load bends it, where it
             may flutter first; measurements `across` that plane need it.
+        progress: whether to show progress on stderr: of the scan, of the lines on which one unknown
+            takes all values, and of the searches.
 
     Returns:
         Identification with the estimates, their uncertainties and warnings. Several pipes may
@@ -305,7 +308,8 @@ def identify(
     Source: Nocedal and Wright (2006), Numerical optimization, ch. 10, for least squares.
     Uncertainties follow from those of the measurements by the linear law of errors.
     """
-    known = _checked_problem(pipe, measurements, unknowns, dimensions)
+    shown = check.flag("progress", progress)
+    known = _checked_problem(pipe, measurements, unknowns, dimensions, shown)
     if not known.given.rests_straight and dimensions == 2:
         warn_of_plane(__name__)
     with one_thread(max(FUNCTIONS)):
@@ -387,7 +391,9 @@ def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
     )
 
 
-def _checked_problem(pipe: Pipe, measurements: Any, unknowns: Any, dimensions: Any) -> _Problem:
+def _checked_problem(
+    pipe: Pipe, measurements: Any, unknowns: Any, dimensions: Any, shown: bool
+) -> _Problem:
     """The problem given by the arguments of `identify`; raises errors for bad arguments."""
     pipe = checked_pipe(pipe)
     check.instance("measurements", measurements, list | tuple, "a list of Measurement")
@@ -413,7 +419,7 @@ def _checked_problem(pipe: Pipe, measurements: Any, unknowns: Any, dimensions: A
         one, value = _unknown(pipe, name, bounds)
         found.append(one)
         begin.append(min(max(value, one.low), one.high))
-    problem = _Problem(pipe, tuple(measurements), tuple(found), np.log(begin), dimensions)
+    problem = _Problem(pipe, tuple(measurements), tuple(found), np.log(begin), dimensions, shown)
     unit = _speed_unit(problem.pipe(problem.begin))
     for i, given in enumerate(measurements):
         if given.speed > MOST_SPEED * unit:
@@ -494,6 +500,7 @@ class _Problem:
     unknowns: tuple[_Unknown, ...]
     begin: Array
     dimensions: Literal[2, 3]
+    shown: bool  # whether progress is shown
 
     @property
     def bounds(self) -> Array:
@@ -531,7 +538,8 @@ class _Problem:
         many = low.size
         even = (np.arange(SCANNED * many) + 0.5) / (SCANNED * many)  # values of each unknown
         scan = np.random.default_rng(0).permuted(np.tile(even, (many, 1)), axis=1).T
-        every = np.array([self.residuals(x, size) for x in low + (high - low) * scan])
+        pipes = track(low + (high - low) * scan, len(scan), "scan of the ranges", self.shown)
+        every = np.array([self.residuals(x, size) for x in pipes])
         known = np.isfinite(every).all(axis=1)
         scan, every = scan[known], every[known]
         apart = np.linalg.norm(scan[:, None] - scan, axis=2)
@@ -557,7 +565,8 @@ class _Problem:
         there. They may have a kink, where a mode ceases to oscillate: intervals are narrowed, too.
         """
         found = list[Array]()
-        for i, (low, high) in enumerate(self.bounds.T):
+        lines = track(self.bounds.T, x.size, "lines from an optimum", self.shown)
+        for i, (low, high) in enumerate(lines):
             line, step = np.tile(x, (SCANNED, 1)), (high - low) / (SCANNED - 1)
             line[:, i] = np.linspace(low, high, SCANNED)
             every = np.array([self.residuals(one, size) for one in line])
@@ -600,7 +609,7 @@ class _Problem:
         `repeats` have come to an optimum once more.
         """
         found, failed = list[tuple[float, Array]](), list[PipedynError]()
-        for start in starts:
+        for start in track(starts, len(starts), f"searches, {size} functions", self.shown):
             try:
                 found.append(self.fitted(start, size, tolerance, [x for _, x in found]))
             except PipedynError as error:

@@ -40,11 +40,26 @@ def companion(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[A
 
 
 def eigenvalues_of(mass: Array, damping: Array, stiffness: NDArray[Any]) -> Complex:
-    """Finite eigenvalues of lambda^2 M + lambda C + K, shape (2n,) or fewer."""
+    """Finite eigenvalues of lambda^2 M + lambda C + K, shape (2n,) or fewer.
+
+    A complex K has hysteresis, which acts on oscillation alone. The eigenvalues then are those
+    above the real axis, their conjugates, and the growing real ones without the imaginary part of
+    K, instead of the growing ones into which hysteresis turns these.
+    """
     inverse = np.linalg.eigvals(companion(mass, damping, stiffness)).astype(complex)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = SHIFT + 1.0 / inverse
-    return np.asarray(found[np.isfinite(found)], dtype=complex)
+        every = SHIFT + 1.0 / inverse
+    found: Complex = np.asarray(every[np.isfinite(every)], dtype=complex)
+    if not np.iscomplexobj(stiffness):
+        return found
+    still = eigenvalues_of(mass, damping, stiffness.real)
+    static = still[(np.abs(still.imag) < 1e-9) & (still.real > 0.0)]
+    for value in static:
+        apart = np.where(found.real > 0.0, np.abs(found - value), np.inf)
+        if np.isfinite(apart).any():
+            found = np.delete(found, int(np.argmin(apart)))
+    above = found[found.imag > 1e-9]
+    return np.concatenate([above, above.conj(), static])
 
 
 def rounding(values: Complex) -> Array:

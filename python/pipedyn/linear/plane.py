@@ -325,18 +325,8 @@ class Plane:
     # ----------------------------------------------------------------------------- eigenvalues
 
     def eigenvalues(self, at: Array) -> Complex:
-        """Eigenvalues of the counted modes at (x, y), in order of |lambda|.
-
-        With hysteresis they are the roots above the real axis, their conjugates, and the growing
-        real roots of the pipe without hysteresis.
-        """
-        mass, damping, stiffness = self.at(at)
-        found = eigenvalues_of(mass, damping, stiffness)
-        if self.hysteretic:
-            above = found[found.imag > 1e-9]
-            still = eigenvalues_of(mass, damping, stiffness.real)
-            static = still[(np.abs(still.imag) < 1e-9) & (still.real > 0.0)]
-            found = np.concatenate([above, above.conj(), static])
+        """Eigenvalues of the counted modes at (x, y), in order of |lambda|."""
+        found = eigenvalues_of(*self.at(at))
         return found[np.argsort(np.abs(found))][: 2 * self.modes]
 
     def unstable(self, at: Array) -> int:
@@ -410,16 +400,28 @@ class Plane:
         """Pairs that cross the imaginary axis on the line through (x, y) along x or y; extremes.
 
         Extremes are pairs whose real part comes nearest to the axis there, from either side,
-        without crossing. Both are estimates for Newton's method. Eigenvalues are followed from
-        sample to sample with their derivatives, and steps are halved in which a crossing may have
-        been missed, unless `halved` is False.
+        without crossing. Both are estimates for Newton's method.
+        """
+        return self._on_line(self.pairs, at, index, halved)
+
+    def _on_line(
+        self,
+        values_at: Callable[[Array], tuple[Complex, Complex]],
+        at: Array,
+        index: int,
+        halved: bool = True,
+    ) -> tuple[list[RootOnLine], list[RootOnLine]]:
+        """Values whose real part passes 0 on the line through (x, y) along x or y; extremes.
+
+        Values, with derivatives as of `pairs`, are followed from sample to sample. Steps are halved
+        in which one may have passed 0 unseen, unless `halved` is False.
         """
         low, size = self.window.low[index], self.window.size[index]
 
         def sample(share: float) -> Sample:
             there = at.copy()
             there[index] = low + share * size
-            values, slopes = self.pairs(there)
+            values, slopes = values_at(there)
             return share, values, slopes[index]
 
         samples = [sample(float(share)) for share in np.linspace(0.0, 1.0, SAMPLES + 1)]

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import BranchStep, Control, DenseProblem, Point
 from pipedyn.continuation.tracer import Tracer, folds
-from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
 from pipedyn.models.base import Model, Operators
 from pipedyn.models.continuum import AnyModel
@@ -128,9 +127,6 @@ class BranchOfRest:
 
     def roots(self, x: Array, u: float, plane: int) -> Complex:
         """Eigenvalues of motions in the plane of rest (0) or, in three dimensions, across (1)."""
-        if self.model.pipe.hysteresis:  # acts on oscillation alone
-            problem = eigenproblem(self.about(x)).planes[plane]
-            return problem.lowest(u, 2 * problem.dof).values
         return eigenvalues_of(*self.matrices(x, u, plane))
 
     def matrices(self, x: Array, u: float, plane: int) -> tuple[Array, Array, NDArray[Any]]:
@@ -190,7 +186,7 @@ class BranchOfRest:
             tracer = Tracer[DenseProblem]([(-1, -1.0, 1.0)], MOST_RESTS)
             try:
                 first = growing.point(*start)
-                steps = growing.segments(first, 0.5 * longest)
+                steps = growing.steps(first, 0.5 * longest)
                 points, end, why = tracer.one_way(steps, growing, first)
             except NewtonFailed as error:
                 points, end, why = [], "not converged", str(error)
@@ -225,7 +221,7 @@ class BranchOfRest:
         branch = DenseProblem(self.equations, self.size, 2.0, control)
         try:
             start = branch.point(np.append(x, 0.0), np.append(0.0 * x, 1.0))
-            steps = branch.segments(start, 0.5 * longest, [(-1, mark) for mark in marks])
+            steps = branch.steps(start, 0.5 * longest, [(-1, mark) for mark in marks])
             _, reason, why = _RestTracer(end, note).one_way(steps, branch, start)
         except NewtonFailed as error:
             reason, why = "not converged", str(error)

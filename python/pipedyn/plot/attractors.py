@@ -211,9 +211,11 @@ def poincare_section(
     last = set(lasts) if index is None else {index}
     upward = rate(last.pop() if len(last) == 1 else r"\mathrm{last}")
     ax = given.view.axes(ax, (4.8, 4.2), across, upward)
-    handles, periods = {}, [_drive_period(one.motion) for one in given.shown]
-    pairs = zip(given.basins, periods, strict=False)
-    periods = [basin.drive_period or period if basin else period for basin, period in pairs]
+    pairs = zip(given.shown, given.basins, strict=True)
+    handles, periods = (
+        {},
+        [of.drive_period if of else _drive_period(one.motion) for one, of in pairs],
+    )
     for one, basin, period, final, marker in zip(
         given.shown, given.basins, periods, lasts, cycle(SHAPES), strict=False
     ):
