@@ -294,8 +294,22 @@ void define_linear(py::module_& m) {
                                 static_cast<double>(traits.dof + 2) * eps});
            }),
            "traits"_a, "matrices"_a, "end_coefficient"_a, "size"_a, "rounding"_a = 0.0)
-      .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
-      .def("by_recursion", &Eigenproblem::by_recursion, "u"_a, "count"_a, "vectors"_a, Unlocked())
+      .def(
+          "lowest",
+          [](Eigenproblem& of, double u, Index count, bool left, bool high) {
+            Pairs found;
+            of.lowest(u, count, left, high, found);
+            return found;
+          },
+          "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
+      .def(
+          "by_recursion",
+          [](Eigenproblem& of, double u, Index count, bool vectors) {
+            std::optional<Pairs> found(std::in_place);
+            if (!of.by_recursion(u, count, vectors, *found)) found.reset();
+            return found;
+          },
+          "u"_a, "count"_a, "vectors"_a, Unlocked())
       .def(
           "modes_at_rest",
           [](Eigenproblem& of) -> std::optional<Matrix> {

@@ -72,23 +72,19 @@ void Determinant::pairs(double u, const ValuesRef& values, bool vectors, bool ow
            PairsAsked{part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
                       part(10), right, vectors ? left : nullptr, loaded});
   found.values = values;
-  for (ComplexTable* const of : {&found.right, &found.left}) of->resize(n, count);
   for (Reals* const of : {&found.residual, &found.uncertain}) of->resize(count);
   for (Values* const of : {&found.slopes, &found.by_left, &found.by_right, &found.corrections}) {
     of->resize(count);
   }
-  for (Index i = 0; i < count; ++i) {
-    for (Index j = 0; j < n; ++j) {
-      const double *const x = right + 2 * j * count + i, *const y = left + 2 * j * count + i;
-      found.right(j, i) = Complex(x[0], x[count]);
-      found.left(j, i) = Complex(y[0], -y[count]);
-    }
-  }
-  if (vectors) {
-    for (ComplexTable* const of : {&found.right, &found.left}) {
-      *of = mapped([this](const Matrix& x) { return projected(x); }, *of);
-    }
-  }
+  const auto read_columns = [&](double* of, double sign, ComplexTable& to) {
+    if (!vectors) return to.resize(0, count);
+    project({of, n, 2 * count}, projected_);
+    to.resize(projected_.rows(), count);
+    to.real() = projected_.leftCols(count);
+    to.imag() = sign * projected_.rightCols(count);
+  };
+  read_columns(right, 1.0, found.right);
+  read_columns(left, -1.0, found.left);
   for (Index i = 0; i < count; ++i) {
     const double length = vectors ? found.right.col(i).norm() : 1.0;
     const double dual = vectors ? found.left.col(i).norm() : 1.0, both = length * dual;

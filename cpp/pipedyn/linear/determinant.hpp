@@ -93,6 +93,12 @@ class Determinant {
   /// Number of negative eigenvalues of K at rest, where K is symmetric.
   virtual int negative_at_rest() const = 0;
 
+  /// Takes over the memory of a determinant that is not evaluated any more.
+  void reuse(const Determinant& other) const {
+    room_.swap(other.room_);
+    projected_.swap(other.projected_);
+  }
+
   const Lapack lapack;
 
  protected:
@@ -100,7 +106,7 @@ class Determinant {
   virtual void evaluate(const Points& points, double* out) const = 0;
   virtual void evaluate(const Points& points, const PairsAsked& out) const = 0;
   /// Takes vectors in the coordinates of the kernel, (size, r), to elastic coordinates.
-  virtual Matrix projected(const Matrix& x) const = 0;
+  virtual void project(const Eigen::Map<Matrix>& x, Matrix& to) const = 0;
   /// Takes vectors in elastic coordinates, (dof, r), to the coordinates in which `times` knows
   /// products.
   virtual Matrix lifted(const Matrix& x) const = 0;
@@ -118,6 +124,7 @@ class Determinant {
   Values inner(const ComplexTable& y, const ComplexTable& x, const LinearPart& part) const;
 
   mutable std::vector<double> room_;  // numbers that kernels read and write
+  mutable Matrix projected_;          // vectors in elastic coordinates, in real and imaginary parts
 };
 
 class ChainDeterminant : public Determinant {
@@ -148,8 +155,9 @@ class ChainDeterminant : public Determinant {
   void evaluate(const Points& points, const PairsAsked& out) const override {
     motion_kernel().dynamic_stiffness->pairs(chain_->model(), points, out);
   }
-  Matrix projected(const Matrix& angles) const override {
-    return complement_.projected(scale_.cwiseInverse().asDiagonal() * angles);
+  void project(const Eigen::Map<Matrix>& angles, Matrix& to) const override {
+    to = scale_.cwiseInverse().asDiagonal() * angles;
+    if (held() > 0) to = complement_.projected(std::move(to));
   }
   Matrix lifted(const Matrix& x) const override {
     return scale_.asDiagonal() * complement_.lifted(x);
@@ -197,7 +205,9 @@ class PanelDeterminant : public Determinant {
   void evaluate(const Points& points, const PairsAsked& out) const override {
     motion_kernel().elimination->pairs(at(points.u).model, points, out);
   }
-  Matrix projected(const Matrix& x) const override { return projection_ * x; }
+  void project(const Eigen::Map<Matrix>& x, Matrix& to) const override {
+    to.noalias() = projection_ * x;
+  }
   Matrix lifted(const Matrix& x) const override { return lift_ * x; }
   Matrix times(const Matrix& x, const LinearPart& part) const override {
     return pencil_->times(x, part);
