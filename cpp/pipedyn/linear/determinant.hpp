@@ -53,9 +53,10 @@ class Determinant {
   void log_derivatives(double u, const ValuesRef& at, const ValuesRef& known,
                        Eigen::Ref<Values> found) const;
   /// Writes errors, slopes and corrections of roots from their vectors to `found`, and unit vectors
-  /// if they are asked for. own: whether by_right is needed; loaded: see `PairsAsked`.
-  void pairs(double u, const ValuesRef& values, bool vectors, bool own, bool loaded,
-             Pairs& found) const;
+  /// if they are asked for. own: whether by_right is needed; loaded: see `PairsAsked`; places:
+  /// which entries of `found` to replace, instead of all.
+  void pairs(double u, const ValuesRef& values, bool vectors, bool own, bool loaded, Pairs& found,
+             const std::vector<Index>& places = {}) const;
   /// A sum of parts of P as a matrix in elastic coordinates, (dof, dof), and the norm of the
   /// numbers whose rounding it has.
   virtual std::pair<Matrix, double> matrix(const LinearPart& part) const = 0;
@@ -84,7 +85,7 @@ class Determinant {
   Reals quotients(double u, const ComplexTable& vectors) const;
 
   /// The numbers of the model, as in `Spectrum::numbers`.
-  virtual std::vector<double> numbers() const { return {}; }
+  virtual void numbers(std::vector<double>&) const {}
 
   /// a, the factor of u^2 in K(u).
   virtual double thrust() const = 0;
@@ -143,7 +144,7 @@ class ChainDeterminant : public Determinant {
   std::pair<Matrix, double> matrix(const LinearPart& part) const override;
   bool is_pivoted() const override { return false; }
   bool turns_freely() const override { return chain_->turns_freely(); }
-  std::vector<double> numbers() const override;
+  void numbers(std::vector<double>& found) const override;
   double thrust() const override { return chain_->model().thrust[0]; }
   StaticDeterminants static_determinants(const Values& u) const override;
   int negative_at_rest() const override;

@@ -163,8 +163,6 @@ void add_stiff(const Determinant& of, Index dof, double u, Approximations& roots
 }
 
 void join_conjugates(Approximations& roots, const Values& values, std::vector<Index>& left) {
-  left.resize(roots.size());
-  std::iota(left.begin(), left.end(), 0);
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const Complex value = values[left[i]];
     if (!roots[i].alone || value.imag() == 0.0) continue;

@@ -77,8 +77,8 @@ void put_zeros(Approximations& roots, Index count);
 void add_stiff(const Determinant& of, Index dof, double u, Approximations& roots);
 
 /// Joins two conjugates that were found separately into one root that implies its conjugate; for
-/// roots that come in conjugate pairs. values: the roots, better known. Writes the indices of the
-/// roots that are left.
+/// roots that come in conjugate pairs. values: the roots, better known. left: their indices, on
+/// return those of the roots that are left.
 void join_conjugates(Approximations& roots, const Values& values, std::vector<Index>& left);
 
 /// Roots expected at a speed that is higher by `further` than that of the given roots, by the cubic

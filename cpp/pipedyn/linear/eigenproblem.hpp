@@ -29,9 +29,9 @@ class Eigenproblem : public Spectrum {
   const DenseOperator& at(double u);
 
   /// Finds the `count` roots of least magnitude with right vectors, and with left ones if they are
-  /// asked for. Pairs that fail the check of their residual are refined once. Pairs that fail still are
-  /// in the result, as are NaNs where a root is beyond double precision. Without `high`, pairs of
-  /// modes so high that rounding explains any residual are not refined.
+  /// asked for. Pairs that fail the check of their residual are refined once. Pairs that fail still
+  /// are in the result, as are NaNs where a root is beyond double precision. Without `high`, pairs
+  /// of modes so high that rounding explains any residual are not refined.
   virtual void lowest(double u, Index count, bool left, bool high, Pairs& found);
   /// Finds the `count` lowest roots by elimination along the pipe, with vectors or without. Returns
   /// false where roots could not be told from one another, or where some may be missing.
@@ -59,8 +59,8 @@ class Eigenproblem : public Spectrum {
   bool is_squared(double u) const { return traits.squared || (traits.free_at_rest && u == 0.0); }
   /// Sets `noise` to how far rounding may have moved the roots of a sample.
   virtual void find_noise(Pairs& pairs) const;
-  /// Sets `noise` to the errors of roots that follow from their residuals, except for the scatter of
-  /// roots that meet.
+  /// Sets `noise` to the errors of roots that follow from their residuals, except for the scatter
+  /// of roots that meet.
   static void noise_of_residuals(Pairs& pairs);
   /// Work of the operator P on vectors (dof, r) that oscillate with the given frequencies.
   virtual Rayleigh rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors);

@@ -335,7 +335,7 @@ class Together {
     Searched done;
     begin(i);
     const bool is_shared = shares(i) && is_on_line(i);
-    if (is_shared) done.numbers = spectra_[i]->numbers();
+    if (is_shared) spectra_[i]->numbers(done.numbers);
     Trace* const trace = done.numbers.empty() ? nullptr : &done.trace;
     found_[i] = crossings(*spectra_[i], ranges_[i], report_, trace);
     if (trace != nullptr) done.sweep = found_[i];
@@ -353,14 +353,16 @@ class Together {
 
   /// Whether a pipe is the first, the middle or the last of five on a line, in order. Steps of
   /// others need not be kept: their neighbours seldom share them.
-  bool is_on_line(Index i) const {
+  bool is_on_line(Index i) {
     for (const Index first : {i - 2, i, i - 4}) {
       if (first < 0 || first + 4 >= static_cast<Index>(spectra_.size())) continue;
-      const auto one = spectra_[first]->numbers(), other = spectra_[first + 4]->numbers();
+      spectra_[first]->numbers(first_);
+      spectra_[first + 4]->numbers(last_);
       double last = 0.0;
       bool in_order = true;
       for (Index k = first + 1; in_order && k < first + 4; ++k) {
-        const double next = place(spectra_[k]->numbers(), one, other).value_or(-1.0);
+        spectra_[k]->numbers(numbers_);
+        const double next = place(numbers_, first_, last_).value_or(-1.0);
         in_order = next >= std::exchange(last, next);
       }
       if (in_order) return true;
@@ -368,9 +370,10 @@ class Together {
     return false;
   }
 
-  std::optional<double> place_of(Index i, const Searched& one, const Searched& other) const {
+  std::optional<double> place_of(Index i, const Searched& one, const Searched& other) {
     if (!shares(i)) return {};
-    return place(spectra_[i]->numbers(), one.numbers, other.numbers);
+    spectra_[i]->numbers(numbers_);
+    return place(numbers_, one.numbers, other.numbers);
   }
 
   /// Searches the pipes between two that were searched.
@@ -402,7 +405,8 @@ class Together {
   const std::function<void(Index)>& begins_;
   const std::function<void()>& report_;
   const std::span<Sweep> found_;
-  Index latest_ = -1;  // the search that began last
+  Index latest_ = -1;                           // the search that began last
+  std::vector<double> numbers_, first_, last_;  // numbers of models
 };
 
 }  // namespace

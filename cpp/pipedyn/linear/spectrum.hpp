@@ -216,12 +216,12 @@ class Spectrum {
   virtual Spectrum& without_loss() { return without_loss_ == nullptr ? *this : *without_loss_; }
   void set_without_loss(std::shared_ptr<Spectrum> other) { without_loss_ = std::move(other); }
 
-  /// The numbers on which all roots depend continuously, in an order that is the same for all
-  /// models of one kind and size; none where they are not known.
-  virtual std::vector<double> numbers() const { return {}; }
+  /// Writes the numbers on which all roots depend continuously, in an order that is the same for
+  /// all models of one kind and size; none where they are not known.
+  virtual void numbers(std::vector<double>& found) const { found.clear(); }
 
-  /// Corrects starts for all roots at a speed, of each conjugate pair the upper one; returns whether
-  /// they lead to all of them.
+  /// Corrects starts for all roots at a speed, of each conjugate pair the upper one; returns
+  /// whether they lead to all of them.
   virtual bool all_roots(double, Values&) { return false; }
 
   /// Number of matrices factorised since the last call; an eigenvalue problem counts as one.

@@ -67,36 +67,41 @@ Pairs Structured::at(double u, const ValuesRef& values, bool vectors) const {
   return found;
 }
 
-void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& found) const {
+void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& found,
+                    const std::vector<Index>& places) const {
   const bool own = vectors || traits.conservative;  // else nothing reads by_right
-  of_->pairs(u, values, vectors, own, false, found);
+  const auto place = [&](Index i) { return places.empty() ? i : places[i]; };
+  of_->pairs(u, values, vectors, own, false, found, places);
   // A pivot may be 0 at a root: vectors are then computed this far beside it, and are off as much.
   for (const double aside : {0.0, 1e-12}) {
-    std::vector<Index> poor;
+    std::vector<Index>& poor = memory_.poor;
+    poor.clear();
     for (Index i = 0; i < values.size(); ++i) {
-      const bool good = aside == 0.0 ? found.residual[i] <= small_residual && values[i] != 0.0
-                                     : std::isfinite(found.residual[i]);
+      const double residual = found.residual[place(i)];
+      const bool good =
+          aside == 0.0 ? residual <= small_residual && values[i] != 0.0 : std::isfinite(residual);
       if (!good) poor.push_back(i);
     }
     if (poor.empty()) break;
     if (aside == 0.0 && of_->is_pivoted()) continue;  // its vectors are always loaded
-    Values again(poor.size());
+    auto again = room_in(memory_.found, poor.size());
     for (std::size_t k = 0; k < poor.size(); ++k) {
       again[k] = values[poor[k]] + aside * (1.0 + std::abs(values[poor[k]]));
     }
-    Pairs other;
+    Pairs& other = memory_.again;
     of_->pairs(u, again, vectors, own, true, other);
     for (std::size_t k = 0; k < poor.size(); ++k) {
-      const Index i = poor[k];
-      if (values[i] == 0.0 || other.residual[k] < found.residual[i]) found.put(i, other, k);
+      const Index i = poor[k], to = place(i);
+      if (values[i] != 0.0 && !(other.residual[k] < found.residual[to])) continue;
+      found.put(to, other, k);
+      found.values[to] = values[i];
     }
   }
-  found.values = values;
 }
 
 /// Pairs of the given roots, corrected by their vectors as far as these allow.
 Pairs& Structured::refined_roots(double u, const Approximations& roots, bool vectors) const {
-  Pairs &found = memory_.refined, &better = memory_.again;
+  Pairs& found = memory_.refined;
   Values& values = memory_.values;
   std::vector<Index>& moved = memory_.some;
   values.resize(roots.size());
@@ -114,8 +119,7 @@ Pairs& Structured::refined_roots(double u, const Approximations& roots, bool vec
     for (std::size_t k = 0; k < moved.size(); ++k) {
       next[k] = values[moved[k]] += found.corrections[moved[k]];
     }
-    at(u, next, vectors, better);
-    for (std::size_t k = 0; k < moved.size(); ++k) found.put(moved[k], better, k);
+    at(u, next, vectors, found, moved);
   }
   for (std::size_t i = 0; i < roots.size(); ++i) {
     if (roots[i].settled && roots[i].value == 0.0) found.residual[i] = found.uncertain[i] = 0.0;
@@ -177,35 +181,33 @@ bool Structured::from(Approximations& roots, double u, Index count, bool vectors
     roots[i].settled = roots[i].value == 0.0;
     roots[i].slope = roots[i].settled || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
   }
-  if (!traits.is_hysteretic()) {
-    std::vector<Index>& left = memory_.some;
-    join_conjugates(roots, all.values, left);
-    if (static_cast<Index>(left.size()) < all.size()) {
-      all.take(left, memory_.again);
-      std::swap(all, memory_.again);
-    }
-  }
+  memory_.some.resize(roots.size());
+  std::iota(memory_.some.begin(), memory_.some.end(), 0);
+  if (!traits.is_hysteretic()) join_conjugates(roots, all.values, memory_.some);
   all.noise = all.slope_noise = all.signatures = all.uncertain;  // room for those of a sample
   if (!with_conjugates(roots, count, found)) return false;
   std::vector<Known>& known = memory_.samples;
-  if (known.size() < most_known && (known.empty() || known[0].u != infinite)) known.emplace_back();
-  else std::ranges::rotate(known, known.begin() + 1);
+  if (known.size() < most_known && (known.empty() || known[0].u != infinite))
+    known.emplace_back();
+  else
+    std::ranges::rotate(known, known.begin() + 1);
   std::tie(known.back().u, known.back().most) = std::pair(u, most_near);
   known.back().roots.swap(roots);
   return true;
 }
 
-/// The `count` lowest of the refined roots and of the conjugates that they imply, sorted. Returns
-/// false if roots are paired and one of these is complex without a conjugate.
+/// The `count` lowest of the refined roots `memory_.some` and of the conjugates that they imply,
+/// sorted. Returns false if roots are paired and one of these is complex without a conjugate.
 bool Structured::with_conjugates(const Approximations& roots, Index count, Pairs& result) const {
   const Pairs& found = memory_.refined;
   const bool paired = !traits.is_hysteretic();
   std::vector<Complex>& values = memory_.both;
-  std::vector<Index>&order = memory_.order, &which = memory_.some, &from = memory_.from;
+  std::vector<Index>&order = memory_.order, &which = memory_.which, &from = memory_.from;
   for (auto* const one : {&from, &which}) one->clear();
   values.clear();
-  for (Index i = 0; i < found.size(); ++i) {
-    const Complex value(found.values[i].real() + 0.0, found.values[i].imag() + 0.0);  // -0 is 0
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    const Complex refined = found.values[memory_.some[i]];
+    const Complex value(refined.real() + 0.0, refined.imag() + 0.0);  // -0 is 0
     values.push_back(value);
     from.push_back(i);
     if (roots[i].alone || value.imag() == 0.0) continue;
@@ -215,11 +217,11 @@ bool Structured::with_conjugates(const Approximations& roots, Index count, Pairs
   order = by_size(Eigen::Map<const Values>(values.data(), values.size()), std::move(order));
   if (static_cast<Index>(order.size()) < count) return false;
   order.resize(count);
-  for (const Index i : order) which.push_back(from[i]);
+  for (const Index i : order) which.push_back(memory_.some[from[i]]);
   found.take(which, result);
   for (Index k = 0; k < count; ++k) {
     const Complex value = values[order[k]];
-    if (paired && roots[which[k]].alone && value.imag() != 0.0) return false;
+    if (paired && roots[from[order[k]]].alone && value.imag() != 0.0) return false;
     if (value.imag() == std::exchange(result.values[k], value).imag()) continue;
     for (Values* const of : {&result.slopes, &result.by_left, &result.by_right}) {
       (*of)[k] = std::conj((*of)[k]);
@@ -338,10 +340,10 @@ void Structured::assume(double u, const Values& roots) {
   memory_.samples.push_back({u, std::move(starts), most_assumed});
 }
 
-std::vector<double> Structured::numbers() const {
-  std::vector<double> found = of_->numbers();
+void Structured::numbers(std::vector<double>& found) const {
+  found.clear();
+  of_->numbers(found);
   if (!found.empty()) found.push_back(traits.damped ? 1.0 : 0.0);
-  return found;
 }
 
 bool Structured::all_roots(double u, Values& values) {

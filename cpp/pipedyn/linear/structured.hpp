@@ -46,7 +46,7 @@ class Structured : public Eigenproblem {
   /// by its log-derivative on the circle, in O(n) for each point.
   Divergences divergences(double max_speed, bool first) override;
   std::optional<Divergence> divergence_near(double guess, double reach) override;
-  std::vector<double> numbers() const override;
+  void numbers(std::vector<double>& found) const override;
   bool all_roots(double u, Values& roots) override;
   void reuse(Spectrum& other) override;
 
@@ -69,10 +69,10 @@ class Structured : public Eigenproblem {
   struct Memory : RootsMemory {
     std::vector<Known> samples;  // roots of the last samples
     Approximations starts;
-    Pairs refined, again;  // all roots, and those that are computed once more
+    Pairs refined, again;  // all roots, and poor ones that are computed once more
     Values values;
     std::vector<Complex> both;  // roots and the conjugates that they imply
-    std::vector<Index> some, from;
+    std::vector<Index> some, from, which, poor;
   };
   mutable Memory memory_;
 
@@ -82,7 +82,8 @@ class Structured : public Eigenproblem {
             Pairs& found);
   bool with_conjugates(const Approximations& roots, Index count, Pairs& found) const;
   Pairs at(double u, const ValuesRef& values, bool vectors) const;
-  void at(double u, const ValuesRef& values, bool vectors, Pairs& found) const;
+  void at(double u, const ValuesRef& values, bool vectors, Pairs& found,
+          const std::vector<Index>& places = {}) const;
   Pairs& refined_roots(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   /// Approximate roots of an operator at a speed, from its undamped modes if these are known.
