@@ -165,7 +165,7 @@ void define_linear(py::module_& m) {
             return std::pair(one.pair.right, one.pair.left);
           });
   py::class_<Sweep>(m, "Sweep")
-      .def_readonly("crossings", &Sweep::crossings)
+      .def_property_readonly("crossings", [](const Sweep& sweep) { return sweep.crossings; })
       .def_readonly("failure", &Sweep::failure)
       .def_readonly("untracked", &Sweep::untracked);
 
