@@ -707,12 +707,12 @@ class Branches : public pipedyn::Spectrum {
     return count;
   }
 
-  pipedyn::Sample sample(double u, Index) override {
+  void sample(double u, Index, pipedyn::Sample& at) override {
     const Index size = 2 * cubics_.rows();
     std::vector<Index> order(size);
     for (Index i = 0; i < size; ++i) order[i] = i;
     std::shuffle(order.begin(), order.end(), shuffler_);
-    pipedyn::Sample at{{}, u};
+    at.u = u;
     at.values = at.slopes = pipedyn::Values(size);
     for (Index i = 0; i < size; ++i) {
       const Index branch = order[i] / 2;
@@ -722,7 +722,6 @@ class Branches : public pipedyn::Spectrum {
     }
     at.residual = at.uncertain = at.slope_noise = at.signatures = pipedyn::Reals::Zero(size);
     at.noise = pipedyn::Reals::Constant(size, 1e-14);
-    return at;
   }
   pipedyn::Pair refined(double u, const pipedyn::Pair& guess, bool) override {
     const Index branch = static_cast<Index>(std::lround((guess.value.imag() - 5.0) / 2.0));
@@ -732,13 +731,12 @@ class Branches : public pipedyn::Spectrum {
     return pairs.values.abs2();
   }
   pipedyn::Divergences divergences(double, bool) override { return {}; }
-  std::vector<double> numbers() const override {
-    return {cubics_.data(), cubics_.data() + cubics_.size()};
+  void numbers(std::vector<double>& found) const override {
+    found.assign(cubics_.data(), cubics_.data() + cubics_.size());
   }
-  std::optional<pipedyn::Values> all_roots(double u, const pipedyn::Values& starts) override {
-    pipedyn::Values found = starts;
-    for (pipedyn::Complex& one : found) one = refined(u, {one}, false).value;
-    return found;
+  bool all_roots(double u, pipedyn::Values& roots) override {
+    for (pipedyn::Complex& one : roots) one = refined(u, {one}, false).value;
+    return true;
   }
 
  private:
@@ -943,7 +941,8 @@ void check_mending() {
     const pipedyn::Pencil pencil{
         lapack, {one, none, 0.2 * one, squares.asDiagonal().toDenseMatrix(), none}, 0.0, 1.0};
     pipedyn::Eigenproblem problem({size, 0.0, 1e-6, true, false, false, false}, pencil);
-    const pipedyn::Pairs found = problem.lowest(1.0, 8, false, true);
+    pipedyn::Pairs found;
+    problem.lowest(1.0, 8, false, true, found);
     for (Index i = 0; i < found.values.size(); ++i) {
       const double exact = std::abs(pipedyn::Complex(-0.1, std::sqrt(squares[i / 2] - 0.01)));
       const double error = std::abs(std::abs(found.values[i]) - exact);

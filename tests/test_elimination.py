@@ -267,7 +267,7 @@ def searched(model, max_speed, larger=None):
         others = eigenproblem(larger).spectrum()
         spectrum = _core.Truncated(spectrum, others, resolved)
     size = model.dof
-    asked = _core.Range(max_speed, 1.0, 2 * size, size, resolved, model.resolved_modes, False)
+    asked = (max_speed, 1.0, 2 * size, size, resolved, model.resolved_modes, False)
     (sweep,) = _core.crossings([spectrum], [asked], lambda _: None)
     if larger is None:
         return sweep

@@ -276,7 +276,7 @@ using Parts =
 /// one state, as for `UnlockedFor`. Results that the model does not resolve raise NotResolved if
 /// `refuses`, and are NaN otherwise, as integrators and searches take them.
 template <class Model, py::ssize_t (*work_of)(const Model&)>
-void define_equations(py::class_<Model>& model) {
+void define_equations(auto& model) {
   using namespace py::literals;
   using py::object;
   // Results for states of `rows` rows by a member function of the model, in parts; see results_of.

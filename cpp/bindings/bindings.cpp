@@ -128,7 +128,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
                     pipedyn::Vector, double, pipedyn::Vector, pipedyn::Vector, pipedyn::Vector>(),
            "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a, "base"_a,
            "damping"_a = none, "rest_moment"_a = none, "mass"_a = none);
-  py::class_<Chain>(m, "Chain")
+  py::class_<Chain, std::shared_ptr<Chain>>(m, "Chain")
       .def(py::init<const Pipe&, Segments>(), "pipe"_a, "segments"_a)
       .def(
           "joint_times",

@@ -52,10 +52,12 @@ Lapack found_lapack() {
   return lapack;
 }
 
-/// An object that Python keeps alive.
-template <class Kept>
-std::shared_ptr<const Kept> unowned(const Kept& one) {
-  return {std::shared_ptr<const Kept>(), &one};
+/// Traits and ranges as Python gives them: thousands of objects of their own would take longer.
+using TraitsRow = std::tuple<Index, double, double, bool, bool, bool, bool, double>;
+using RangeRow = std::tuple<double, double, Index, Index, Index, Index, bool>;
+template <class Made>
+Made from_row(const auto& row) {
+  return std::apply([](auto... numbers) { return Made{numbers...}; }, row);
 }
 
 /// Reports to Python at intervals how much work was done. Python counts it, and may stop the search
@@ -163,7 +165,7 @@ void define_linear(py::module_& m) {
             return std::pair(one.pair.right, one.pair.left);
           });
   py::class_<Sweep>(m, "Sweep")
-      .def_readonly("crossings", &Sweep::crossings)
+      .def_property_readonly("crossings", [](const Sweep& sweep) { return sweep.crossings; })
       .def_readonly("failure", &Sweep::failure)
       .def_readonly("untracked", &Sweep::untracked);
 
@@ -172,10 +174,6 @@ void define_linear(py::module_& m) {
       .def_readonly("partners", &RootLoci::partners)
       .def_readonly("converged", &RootLoci::converged)
       .def_readonly("errors", &RootLoci::errors);
-
-  py::class_<Range>(m, "Range")
-      .def(py::init<double, double, Index, Index, Index, Index, bool>(), "max_speed"_a, "scale"_a,
-           "count"_a, "tracked"_a, "resolved"_a, "certain"_a, "until_unstable"_a);
 
   py::class_<Spectrum, std::shared_ptr<Spectrum>>(m, "Spectrum")
       .def(
@@ -212,11 +210,13 @@ void define_linear(py::module_& m) {
       "values"_a);
   m.def(
       "crossings",
-      [](const std::vector<std::shared_ptr<Spectrum>>& spectra, const std::vector<Range>& ranges,
+      [](const std::vector<std::shared_ptr<Spectrum>>& spectra, const std::vector<RangeRow>& rows,
          const py::object& count_work) {
         std::vector<Sweep> found(spectra.size());
         if (spectra.empty()) return found;
-        if (ranges.size() != spectra.size()) throw py::value_error("each spectrum needs a range");
+        if (rows.size() != spectra.size()) throw py::value_error("each spectrum needs a range");
+        std::vector<Range> ranges;
+        for (const RangeRow& row : rows) ranges.push_back(from_row<Range>(row));
         Report report(spectra[0], count_work);
         {
           const py::gil_scoped_release unlocked;
@@ -280,13 +280,10 @@ void define_linear(py::module_& m) {
           [](const PanelPencil& pencil, const Matrix& q) { return pencil.basis().on_panels(q); },
           "q"_a);
 
-  py::class_<Traits>(m, "Traits")
-      .def(py::init<Index, double, double, bool, bool, bool, bool, double>(), "dof"_a, "delta"_a,
-           "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "free_at_rest"_a, "loss"_a)
-      .def_readonly("loss", &Traits::loss);
   py::class_<Eigenproblem, Spectrum, std::shared_ptr<Eigenproblem>>(m, "Eigenproblem")
-      .def(py::init([](const Traits& traits, DenseOperator::Matrices matrices,
+      .def(py::init([](const TraitsRow& row, DenseOperator::Matrices matrices,
                        double end_coefficient, double size, double rounding) {
+             const auto traits = from_row<Traits>(row);
              std::array<double, 6> lost{};
              for (std::size_t k = 0; k < lost.size(); ++k) lost[k] = rounding * matrices[k].norm();
              return std::make_shared<Eigenproblem>(
@@ -294,8 +291,22 @@ void define_linear(py::module_& m) {
                                 static_cast<double>(traits.dof + 2) * eps});
            }),
            "traits"_a, "matrices"_a, "end_coefficient"_a, "size"_a, "rounding"_a = 0.0)
-      .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
-      .def("by_recursion", &Eigenproblem::by_recursion, "u"_a, "count"_a, "vectors"_a, Unlocked())
+      .def(
+          "lowest",
+          [](Eigenproblem& of, double u, Index count, bool left, bool high) {
+            Pairs found;
+            of.lowest(u, count, left, high, found);
+            return found;
+          },
+          "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
+      .def(
+          "by_recursion",
+          [](Eigenproblem& of, double u, Index count, bool vectors) {
+            std::optional<Pairs> found(std::in_place);
+            if (!of.by_recursion(u, count, vectors, *found)) found.reset();
+            return found;
+          },
+          "u"_a, "count"_a, "vectors"_a, Unlocked())
       .def(
           "modes_at_rest",
           [](Eigenproblem& of) -> std::optional<Matrix> {
@@ -309,21 +320,19 @@ void define_linear(py::module_& m) {
       .def(py::init<Matrix>(), "columns"_a)
       .def("lifted", &Complement::lifted, "z"_a)
       .def("projected", &Complement::projected, "x"_a);
-  // The spectrum refers to the chain, which Python keeps alive as long as it lives.
   py::class_<Structured, Eigenproblem, std::shared_ptr<Structured>>(m, "Structured")
-      .def(py::init([](const Traits& traits, const Chain& chain,
+      .def(py::init([](const TraitsRow& traits, const std::shared_ptr<Chain>& chain,
                        const std::optional<Complement>& complement, double size) {
              const auto of = std::make_shared<const ChainDeterminant>(
-                 unowned(chain), complement.value_or(Complement(Matrix(chain.dof(), 0))),
-                 scipy_lapack());
-             return std::make_shared<Structured>(traits, of, size);
+                 chain, complement.value_or(Complement(Matrix(chain->dof(), 0))), scipy_lapack());
+             return std::make_shared<Structured>(from_row<Traits>(traits), of, size);
            }),
-           "traits"_a, "chain"_a, "complement"_a, "size"_a, py::keep_alive<1, 3>())
-      .def(py::init([](const Traits& traits, std::shared_ptr<PanelPencil> pencil,
+           "traits"_a, "chain"_a, "complement"_a, "size"_a)
+      .def(py::init([](const TraitsRow& traits, std::shared_ptr<PanelPencil> pencil,
                        const Matrix& lift, const Matrix& projection, double size) {
              const auto of = std::make_shared<const PanelDeterminant>(
                  std::move(pencil), scipy_lapack(), lift, projection);
-             return std::make_shared<Structured>(traits, of, size);
+             return std::make_shared<Structured>(from_row<Traits>(traits), of, size);
            }),
            "traits"_a, "pencil"_a, "lift"_a, "projection"_a, "size"_a)
       .def(

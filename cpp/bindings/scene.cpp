@@ -33,7 +33,7 @@ CustomForces custom_forces(const py::object& of) {
 }  // namespace
 
 void define_scene(py::module_& m) {
-  py::class_<Scene> defined(m, "Scene");
+  py::class_<Scene, std::shared_ptr<Scene>> defined(m, "Scene");
   define_equations<Scene, work_of>(defined);
   defined
       .def(py::init([](const Pipe& pipe, const Segments& segments, const std::vector<Index>& held,
@@ -43,7 +43,10 @@ void define_scene(py::module_& m) {
            "pipe"_a, "segments"_a, "held"_a = std::vector<Index>(), "value"_a = Vector(),
            "inertia"_a = Matrix(), "customs"_a = py::none())
       .def_property_readonly("coordinates", &Scene::coordinates)
-      .def_property_readonly("chain", &Scene::chain)
+      .def_property_readonly("chain",
+                             [](const std::shared_ptr<Scene>& scene) {
+                               return std::shared_ptr<const Chain>(scene, &scene->chain());
+                             })
       .def(
           "operators",
           [](const Scene& scene, const Vector& angles, bool joints) {

@@ -25,7 +25,6 @@ __all__: list[str] = [
     "PanelPencil",
     "Pipe",
     "Profile",
-    "Range",
     "RootLoci",
     "SHIFT",
     "Scene",
@@ -37,7 +36,6 @@ __all__: list[str] = [
     "Structured",
     "Supply",
     "Sweep",
-    "Traits",
     "Truncated",
     "assignment",
     "crossings",
@@ -397,18 +395,6 @@ class RootLoci:
     @property
     def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
 
-class Range:
-    def __init__(
-        self,
-        max_speed: typing.SupportsFloat | typing.SupportsIndex,
-        scale: typing.SupportsFloat | typing.SupportsIndex,
-        count: typing.SupportsInt | typing.SupportsIndex,
-        tracked: typing.SupportsInt | typing.SupportsIndex,
-        resolved: typing.SupportsInt | typing.SupportsIndex,
-        certain: typing.SupportsInt | typing.SupportsIndex,
-        until_unstable: bool,
-    ) -> None: ...
-
 class Spectrum:
     def factorisations(self) -> int: ...
     def forms(self, crossing: AxisCrossing) -> Forms | None: ...
@@ -441,25 +427,19 @@ class PanelPencil:
         by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
-class Traits:
-    def __init__(
-        self,
-        dof: typing.SupportsInt | typing.SupportsIndex,
-        delta: typing.SupportsFloat | typing.SupportsIndex,
-        zero: typing.SupportsFloat | typing.SupportsIndex,
-        damped: bool,
-        conservative: bool,
-        squared: bool,
-        free_at_rest: bool,
-        loss: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> None: ...
-    @property
-    def loss(self) -> float: ...
-
 class Eigenproblem(Spectrum):
     def __init__(
         self,
-        traits: Traits,
+        traits: tuple[
+            typing.SupportsInt | typing.SupportsIndex,
+            typing.SupportsFloat | typing.SupportsIndex,
+            typing.SupportsFloat | typing.SupportsIndex,
+            bool,
+            bool,
+            bool,
+            bool,
+            typing.SupportsFloat | typing.SupportsIndex,
+        ],
         matrices: typing.Annotated[
             collections.abc.Sequence[
                 typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
@@ -505,7 +485,16 @@ class Structured(Eigenproblem):
     @typing.overload
     def __init__(
         self,
-        traits: Traits,
+        traits: tuple[
+            typing.SupportsInt | typing.SupportsIndex,
+            typing.SupportsFloat | typing.SupportsIndex,
+            typing.SupportsFloat | typing.SupportsIndex,
+            bool,
+            bool,
+            bool,
+            bool,
+            typing.SupportsFloat | typing.SupportsIndex,
+        ],
         chain: Chain,
         complement: Complement | None,
         size: typing.SupportsFloat | typing.SupportsIndex,
@@ -513,7 +502,16 @@ class Structured(Eigenproblem):
     @typing.overload
     def __init__(
         self,
-        traits: Traits,
+        traits: tuple[
+            typing.SupportsInt | typing.SupportsIndex,
+            typing.SupportsFloat | typing.SupportsIndex,
+            typing.SupportsFloat | typing.SupportsIndex,
+            bool,
+            bool,
+            bool,
+            bool,
+            typing.SupportsFloat | typing.SupportsIndex,
+        ],
         pencil: PanelPencil,
         lift: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         projection: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
@@ -765,7 +763,17 @@ def assignment(
 ) -> list[int]: ...
 def crossings(
     spectra: collections.abc.Sequence[Spectrum],
-    ranges: collections.abc.Sequence[Range],
+    ranges: collections.abc.Sequence[
+        tuple[
+            typing.SupportsFloat | typing.SupportsIndex,
+            typing.SupportsFloat | typing.SupportsIndex,
+            typing.SupportsInt | typing.SupportsIndex,
+            typing.SupportsInt | typing.SupportsIndex,
+            typing.SupportsInt | typing.SupportsIndex,
+            typing.SupportsInt | typing.SupportsIndex,
+            bool,
+        ]
+    ],
     count_work: typing.Any,
 ) -> list[Sweep]: ...
 def ends(

@@ -202,12 +202,16 @@ class Search {
   /// damping oscillating roots are set on the axis.
   SharedSample take(double u) {
     // With lambda^2 the end of a sample may divide four roots of equal magnitude.
-    Sample at = spectrum_.sample(u, range_.count + (traits_.squared ? 2 : 0));
+    std::shared_ptr<Sample> shared = spectrum_.unused_sample();
+    spectrum_.sample(u, range_.count + (traits_.squared ? 2 : 0), *shared);
     if (const Index standing = spectrum_.standing(); standing > 0) {
       std::vector<Index> moving;
-      for (Index i = standing; i < at.size(); ++i) moving.push_back(i);
-      at = {at.take(moving), u};
+      for (Index i = standing; i < shared->size(); ++i) moving.push_back(i);
+      const std::shared_ptr<const Sample> every = std::exchange(shared, spectrum_.unused_sample());
+      every->take(moving, *shared);
+      shared->u = u;
     }
+    Sample& at = *shared;
     report_();
     if (traits_.squared) {
       Sample half{{.values = Values(at.size()), .slopes = Values(at.size())}, u};
@@ -233,7 +237,7 @@ class Search {
       if (magnitude(value) < traits_.zero) value = 0.0;
       if (!traits_.squared && !traits_.damped && value.imag() != 0.0) value.real(0.0);
     }
-    return std::make_shared<const Sample>(std::move(at));
+    return shared;
   }
 
   /// Mode of each root at rest, in the order of frequency.
@@ -319,11 +323,12 @@ class Search {
   int static_count(const Sample& at) const {
     if (!traits_.is_hysteretic()) return 0;
     Spectrum& without_loss = spectrum_.without_loss();
-    const Sample lossless = without_loss.sample(at.u, range_.count);
+    const std::shared_ptr<Sample> lossless = without_loss.unused_sample();
+    without_loss.sample(at.u, range_.count, *lossless);
     std::vector<Complex> growing;
-    for (Index i = without_loss.standing(); i < lossless.size(); ++i) {
-      const Complex value = lossless.values[i];
-      if (value.imag() == 0.0 && value.real() > lossless.noise[i]) growing.push_back(value);
+    for (Index i = without_loss.standing(); i < lossless->size(); ++i) {
+      const Complex value = lossless->values[i];
+      if (value.imag() == 0.0 && value.real() > lossless->noise[i]) growing.push_back(value);
     }
     int count = 0;
     for (const Complex value : growing) {

@@ -59,7 +59,7 @@ void Determinant::log_derivatives(double u, const ValuesRef& at, const ValuesRef
 }
 
 void Determinant::pairs(double u, const ValuesRef& values, bool vectors, bool own, bool loaded,
-                        Pairs& found) const {
+                        Pairs& found, const std::vector<Index>& places) const {
   const Index count = values.size(), n = vectors ? size() : 0;
   double *const parts = room((13 + 4 * n) * count), *const numbers = split(values, parts),
                 *const columns = numbers + 11 * count;
@@ -71,29 +71,30 @@ void Determinant::pairs(double u, const ValuesRef& values, bool vectors, bool ow
   evaluate(Points{u, count, parts, parts + count},
            PairsAsked{part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
                       part(10), right, vectors ? left : nullptr, loaded});
-  found.values = values;
-  for (ComplexTable* const of : {&found.right, &found.left}) of->resize(n, count);
-  for (Reals* const of : {&found.residual, &found.uncertain}) of->resize(count);
-  for (Values* const of : {&found.slopes, &found.by_left, &found.by_right, &found.corrections}) {
-    of->resize(count);
-  }
-  for (Index i = 0; i < count; ++i) {
-    for (Index j = 0; j < n; ++j) {
-      const double *const x = right + 2 * j * count + i, *const y = left + 2 * j * count + i;
-      found.right(j, i) = Complex(x[0], x[count]);
-      found.left(j, i) = Complex(y[0], -y[count]);
+  const auto place = [&](Index i) { return places.empty() ? i : places[i]; };
+  if (places.empty()) {
+    for (Reals* const of : {&found.residual, &found.uncertain}) of->resize(count);
+    for (Values* const of :
+         {&found.values, &found.slopes, &found.by_left, &found.by_right, &found.corrections}) {
+      of->resize(count);
     }
   }
-  if (vectors) {
-    for (ComplexTable* const of : {&found.right, &found.left}) {
-      *of = mapped([this](const Matrix& x) { return projected(x); }, *of);
+  const auto read_columns = [&](double* of, double sign, ComplexTable& to) {
+    if (vectors) project({of, n, 2 * count}, projected_);
+    if (places.empty()) to.resize(vectors ? projected_.rows() : 0, count);
+    for (Index i = 0; vectors && i < count; ++i) {
+      to.col(place(i)).real() = projected_.col(i);
+      to.col(place(i)).imag() = sign * projected_.col(count + i);
     }
-  }
+  };
+  read_columns(right, 1.0, found.right);
+  read_columns(left, -1.0, found.left);
   for (Index i = 0; i < count; ++i) {
-    const double length = vectors ? found.right.col(i).norm() : 1.0;
-    const double dual = vectors ? found.left.col(i).norm() : 1.0, both = length * dual;
-    found.right.col(i) /= length;
-    found.left.col(i) /= dual;
+    const Index to = place(i);
+    const double length = vectors ? found.right.col(to).norm() : 1.0;
+    const double dual = vectors ? found.left.col(to).norm() : 1.0, both = length * dual;
+    found.right.col(to) /= length;
+    found.left.col(to) /= dual;
     const auto out = [&](Index k) { return part(k)[i]; };
     const auto number = [&](Index k) { return Complex(out(k), out(k + 1)); };
     const auto known = [](double x) { return std::isfinite(x) ? x : infinite; };
@@ -103,12 +104,13 @@ void Determinant::pairs(double u, const ValuesRef& values, bool vectors, bool ow
     const Complex value = number(2) / both;
     const double rest = out(8) / both, size = (out(9) + out(10)) / both;
     const double rounding = (entry_rounding * out(9) + eps * out(10)) / both;
-    found.residual[i] = known(rest / size);
-    found.uncertain[i] = known((rest + rounding) / magnitude(by_lambda));
-    found.slopes[i] = -number(4) / both / by_lambda;
-    found.by_left[i] = u == 0.0 || magnitude(values[i]) <= slow ? by_lambda : 0.0;
-    found.by_right[i] = own ? number(6) / (length * length) : 0.0;
-    found.corrections[i] = magnitude(value) > rounding ? -value / by_lambda : 0.0;
+    found.values[to] = values[i];
+    found.residual[to] = known(rest / size);
+    found.uncertain[to] = known((rest + rounding) / magnitude(by_lambda));
+    found.slopes[to] = -number(4) / both / by_lambda;
+    found.by_left[to] = u == 0.0 || magnitude(values[i]) <= slow ? by_lambda : 0.0;
+    found.by_right[to] = own ? number(6) / (length * length) : 0.0;
+    found.corrections[to] = magnitude(value) > rounding ? -value / by_lambda : 0.0;
   }
 }
 
@@ -222,9 +224,9 @@ std::pair<Matrix, double> ChainDeterminant::matrix(const LinearPart& part) const
           every.norm()};
 }
 
-std::vector<double> ChainDeterminant::numbers() const {
+void ChainDeterminant::numbers(std::vector<double>& found) const {
   const ChainModel model = chain_->model();
-  std::vector<double> found{model.coriolis, model.entry, model.thrust[0], model.guided ? 1.0 : 0.0};
+  found.assign({model.coriolis, model.entry, model.thrust[0], model.guided ? 1.0 : 0.0});
   for (std::ptrdiff_t j = 0; j < model.size; ++j) {
     const StiffnessSegment& at = model.dynamic_stiffnesses[j];
     found.push_back(at.repeats ? 1.0 : 0.0);
@@ -235,7 +237,6 @@ std::vector<double> ChainDeterminant::numbers() const {
     found.insert(found.end(), {at.length, at.joint_hysteresis, at.moment_hysteresis,
                                at.held ? 1.0 : 0.0, at.loaded ? 1.0 : 0.0});
   }
-  return found;
 }
 
 StaticDeterminants ChainDeterminant::static_determinants(const Values& u) const {

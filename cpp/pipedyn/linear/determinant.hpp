@@ -53,9 +53,10 @@ class Determinant {
   void log_derivatives(double u, const ValuesRef& at, const ValuesRef& known,
                        Eigen::Ref<Values> found) const;
   /// Writes errors, slopes and corrections of roots from their vectors to `found`, and unit vectors
-  /// if they are asked for. own: whether by_right is needed; loaded: see `PairsAsked`.
-  void pairs(double u, const ValuesRef& values, bool vectors, bool own, bool loaded,
-             Pairs& found) const;
+  /// if they are asked for. own: whether by_right is needed; loaded: see `PairsAsked`; places:
+  /// which entries of `found` to replace, instead of all.
+  void pairs(double u, const ValuesRef& values, bool vectors, bool own, bool loaded, Pairs& found,
+             const std::vector<Index>& places = {}) const;
   /// A sum of parts of P as a matrix in elastic coordinates, (dof, dof), and the norm of the
   /// numbers whose rounding it has.
   virtual std::pair<Matrix, double> matrix(const LinearPart& part) const = 0;
@@ -84,7 +85,7 @@ class Determinant {
   Reals quotients(double u, const ComplexTable& vectors) const;
 
   /// The numbers of the model, as in `Spectrum::numbers`.
-  virtual std::vector<double> numbers() const { return {}; }
+  virtual void numbers(std::vector<double>&) const {}
 
   /// a, the factor of u^2 in K(u).
   virtual double thrust() const = 0;
@@ -93,6 +94,12 @@ class Determinant {
   /// Number of negative eigenvalues of K at rest, where K is symmetric.
   virtual int negative_at_rest() const = 0;
 
+  /// Takes over the memory of a determinant that is not evaluated any more.
+  void reuse(const Determinant& other) const {
+    room_.swap(other.room_);
+    projected_.swap(other.projected_);
+  }
+
   const Lapack lapack;
 
  protected:
@@ -100,7 +107,7 @@ class Determinant {
   virtual void evaluate(const Points& points, double* out) const = 0;
   virtual void evaluate(const Points& points, const PairsAsked& out) const = 0;
   /// Takes vectors in the coordinates of the kernel, (size, r), to elastic coordinates.
-  virtual Matrix projected(const Matrix& x) const = 0;
+  virtual void project(const Eigen::Map<Matrix>& x, Matrix& to) const = 0;
   /// Takes vectors in elastic coordinates, (dof, r), to the coordinates in which `times` knows
   /// products.
   virtual Matrix lifted(const Matrix& x) const = 0;
@@ -118,6 +125,7 @@ class Determinant {
   Values inner(const ComplexTable& y, const ComplexTable& x, const LinearPart& part) const;
 
   mutable std::vector<double> room_;  // numbers that kernels read and write
+  mutable Matrix projected_;          // vectors in elastic coordinates, in real and imaginary parts
 };
 
 class ChainDeterminant : public Determinant {
@@ -136,7 +144,7 @@ class ChainDeterminant : public Determinant {
   std::pair<Matrix, double> matrix(const LinearPart& part) const override;
   bool is_pivoted() const override { return false; }
   bool turns_freely() const override { return chain_->turns_freely(); }
-  std::vector<double> numbers() const override;
+  void numbers(std::vector<double>& found) const override;
   double thrust() const override { return chain_->model().thrust[0]; }
   StaticDeterminants static_determinants(const Values& u) const override;
   int negative_at_rest() const override;
@@ -148,8 +156,9 @@ class ChainDeterminant : public Determinant {
   void evaluate(const Points& points, const PairsAsked& out) const override {
     motion_kernel().dynamic_stiffness->pairs(chain_->model(), points, out);
   }
-  Matrix projected(const Matrix& angles) const override {
-    return complement_.projected(scale_.cwiseInverse().asDiagonal() * angles);
+  void project(const Eigen::Map<Matrix>& angles, Matrix& to) const override {
+    to = scale_.cwiseInverse().asDiagonal() * angles;
+    if (held() > 0) to = complement_.projected(std::move(to));
   }
   Matrix lifted(const Matrix& x) const override {
     return scale_.asDiagonal() * complement_.lifted(x);
@@ -197,7 +206,9 @@ class PanelDeterminant : public Determinant {
   void evaluate(const Points& points, const PairsAsked& out) const override {
     motion_kernel().elimination->pairs(at(points.u).model, points, out);
   }
-  Matrix projected(const Matrix& x) const override { return projection_ * x; }
+  void project(const Eigen::Map<Matrix>& x, Matrix& to) const override {
+    to.noalias() = projection_ * x;
+  }
   Matrix lifted(const Matrix& x) const override { return lift_ * x; }
   Matrix times(const Matrix& x, const LinearPart& part) const override {
     return pencil_->times(x, part);

@@ -40,6 +40,7 @@ namespace {
 
 /// Writes the values of roots and the conjugates that are implied to `known`; returns their number.
 Index write_values(const Approximations& roots, Values& known) {
+  room_in(known, 2 * static_cast<Index>(roots.size()));
   Index k = 0;
   for (const Approximation& one : roots) {
     known[k++] = one.value;
@@ -50,11 +51,12 @@ Index write_values(const Approximations& roots, Values& known) {
 
 }  // namespace
 
-Values log_derivatives(const Determinant& of, double u, const ValuesRef& at,
-                       const Approximations& roots, RootsMemory& memory) {
-  memory.known.resize(2 * roots.size());
-  const Index count = write_values(roots, memory.known);
-  return of.log_derivatives(u, at, memory.known.head(count));
+Eigen::Ref<Values> log_derivatives(const Determinant& of, double u, const ValuesRef& at,
+                                   const Approximations& roots, RootsMemory& memory) {
+  const auto known = room_in(memory.known, write_values(roots, memory.known));
+  auto found = room_in(memory.found, at.size());
+  of.log_derivatives(u, at, known, found);
+  return found;
 }
 
 Index roots_in(const Approximations& all) {
@@ -64,9 +66,9 @@ Index roots_in(const Approximations& all) {
 }
 
 void sort_by_size(Approximations& all, RootsMemory& memory) {
-  memory.at.resize(all.size());
-  for (std::size_t i = 0; i < all.size(); ++i) memory.at[i] = all[i].value;
-  memory.order = by_size(memory.at, std::move(memory.order));
+  auto values = room_in(memory.at, all.size());
+  for (std::size_t i = 0; i < all.size(); ++i) values[i] = all[i].value;
+  memory.order = by_size(values, std::move(memory.order));
   if (std::ranges::is_sorted(memory.order)) return;
   memory.roots.clear();
   for (const Index i : memory.order) memory.roots.push_back(all[i]);
@@ -160,9 +162,7 @@ void add_stiff(const Determinant& of, Index dof, double u, Approximations& roots
   }
 }
 
-std::vector<Index> join_conjugates(Approximations& roots, const Values& values) {
-  std::vector<Index> left(roots.size());
-  std::iota(left.begin(), left.end(), 0);
+void join_conjugates(Approximations& roots, const Values& values, std::vector<Index>& left) {
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const Complex value = values[left[i]];
     if (!roots[i].alone || value.imag() == 0.0) continue;
@@ -174,7 +174,6 @@ std::vector<Index> join_conjugates(Approximations& roots, const Values& values) 
     roots.erase(roots.begin() + (twin - left.begin()));
     left.erase(twin);
   }
-  return left;
 }
 
 namespace {
@@ -273,8 +272,7 @@ void break_symmetry(const Approximations& starts, Approximations& roots,
 bool correct_active(const Determinant& of, double u, Approximations& roots, RootsMemory& memory,
                     int most) {
   auto& [at, found, known, last, shifted, active, every, order, starts] = memory;
-  for (Values* const one : {&at, &found}) one->resize(roots.size());
-  known.resize(2 * roots.size());
+  for (Values* const one : {&at, &found}) room_in(*one, roots.size());
   last.assign(roots.size(), infinite);
   shifted.assign(roots.size(), 0);
   for (int step = 0; step < most && !active.empty(); ++step) {
@@ -333,9 +331,9 @@ bool has_all(const Determinant& of, double u, const Approximations& roots, Roots
   }
   // An error of a root shows at all |lambda| of its order; here |lambda| is at most a factor 3 off.
   const Index count = std::max<Index>(8, std::ceil(std::log(most / least) / std::log(3.0)));
-  const Values points =
-      std::polar(1.0, ray) *
-      Reals::LinSpaced(count, std::log(least), std::log(most)).exp().cast<Complex>();
+  auto points = room_in(memory.at, count);
+  points = std::polar(1.0, ray) *
+           Reals::LinSpaced(count, std::log(least), std::log(most)).exp().cast<Complex>();
   return (points * log_derivatives(of, u, points, roots, memory)).abs2().maxCoeff() <
          nothing_missing * nothing_missing;
 }

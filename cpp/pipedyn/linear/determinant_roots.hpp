@@ -41,10 +41,16 @@ struct RootsMemory {
   Approximations roots;
 };
 
+/// The first entries of an array that grows where it has fewer.
+inline auto room_in(Values& of, Index size) {
+  if (of.size() < size) of.resize(size);
+  return of.head(size);
+}
+
 /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over all roots and their implied
-/// conjugates, without roots at lambda itself.
-Values log_derivatives(const Determinant& of, double u, const ValuesRef& at,
-                       const Approximations& roots, RootsMemory& memory);
+/// conjugates, without roots at lambda itself, in the memory until the next call.
+Eigen::Ref<Values> log_derivatives(const Determinant& of, double u, const ValuesRef& at,
+                                   const Approximations& roots, RootsMemory& memory);
 
 /// Number of roots, including the conjugates that are implied.
 Index roots_in(const Approximations& all);
@@ -71,9 +77,9 @@ void put_zeros(Approximations& roots, Index count);
 void add_stiff(const Determinant& of, Index dof, double u, Approximations& roots);
 
 /// Joins two conjugates that were found separately into one root that implies its conjugate; for
-/// roots that come in conjugate pairs. values: the roots, better known. Returns the indices of the
-/// roots that are left.
-std::vector<Index> join_conjugates(Approximations& roots, const Values& values);
+/// roots that come in conjugate pairs. values: the roots, better known. left: their indices, on
+/// return those of the roots that are left.
+void join_conjugates(Approximations& roots, const Values& values, std::vector<Index>& left);
 
 /// Roots expected at a speed that is higher by `further` than that of the given roots, by the cubic
 /// through two speeds, or along the slope if only one is known. Roots in the cluster at -1 / delta,

@@ -234,20 +234,19 @@ void Pairs::put(Index k, const Pairs& others, Index i) {
   }
 }
 
-Pairs Pairs::take(const std::vector<Index>& which) const {
-  Pairs result;
+void Pairs::take(const std::vector<Index>& which, Pairs& to) const {
   const Index count = static_cast<Index>(which.size());
   for (const auto of : tables) {
-    if ((this->*of).cols() > 0) result.*of = (this->*of)(Eigen::all, which);
+    const ComplexTable& from = this->*of;
+    (to.*of).resize(from.rows(), from.cols() > 0 ? count : 0);
+    for (Index k = 0; k < (to.*of).cols(); ++k) (to.*of).col(k) = from.col(which[k]);
   }
-  const auto take = [&](const auto& from, auto& to) {  // Eigen would copy the indices
-    if (from.size() == 0) return;
-    to.resize(count);
-    for (Index k = 0; k < count; ++k) to[k] = from[which[k]];
+  const auto take = [&](const auto& from, auto& into) {  // Eigen would copy the indices
+    into.resize(from.size() > 0 ? count : 0);
+    for (Index k = 0; k < into.size(); ++k) into[k] = from[which[k]];
   };
-  for (const auto of : complexes) take(this->*of, result.*of);
-  for (const auto of : reals) take(this->*of, result.*of);
-  return result;
+  for (const auto of : complexes) take(this->*of, to.*of);
+  for (const auto of : reals) take(this->*of, to.*of);
 }
 
 const DenseOperator& Eigenproblem::at(double u) {
@@ -258,7 +257,7 @@ const DenseOperator& Eigenproblem::at(double u) {
   return *latest_;
 }
 
-Pairs Eigenproblem::lowest(double u, Index count, bool left, bool high) {
+void Eigenproblem::lowest(double u, Index count, bool left, bool high, Pairs& found) {
   count = std::min(count, 2 * traits.dof);
   std::optional<Pairs> best;
   for (const double shift : shifts) {
@@ -276,7 +275,7 @@ Pairs Eigenproblem::lowest(double u, Index count, bool left, bool high) {
         Pairs{Values::Constant(count, {none, 0.0}), ComplexTable::Zero(traits.dof, count),
               ComplexTable::Zero(traits.dof, left ? count : 0), Reals::Constant(count, infinite)};
   }
-  return *best;
+  found = *std::move(best);
 }
 
 /// The `count` lowest pairs by the inverse problem about a shift; none if that fails.
@@ -297,7 +296,8 @@ std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bo
   std::vector<Index> order = by_size(roots), from;
   order.resize(std::min(count, roots.size()));
   for (const Index i : order) from.push_back(i % size);
-  Pairs pairs = Pairs{mu, std::move(right), std::move(lefts)}.take(from);
+  Pairs pairs;
+  Pairs{mu, std::move(right), std::move(lefts)}.take(from, pairs);
   const ComplexTable duals = std::exchange(pairs.left, ComplexTable(traits.dof, 0));
   for (Index i = 0; i < pairs.size(); ++i) pairs.values[i] = roots[order[i]];
   assess(u, pairs);
@@ -395,7 +395,8 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
     if (std::abs(pairs.by_left[i]) > 0.1 * std::abs(pairs.by_right[i])) hidden.push_back(i);
   }
   if (hidden.empty()) return;
-  const Pairs some = pairs.take(hidden);
+  Pairs some;
+  pairs.take(hidden, some);
   const Reals omega = some.values.imag();
   const Rayleigh right = rayleigh(u, omega, some.right), left = rayleigh(u, omega, some.left);
   const auto balance = [&](const Rayleigh& of) -> Reals {
@@ -416,19 +417,19 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
 }
 
 /// The larger of the rounding of the matrix and the error that the residual tells.
-Reals Eigenproblem::rounding(const Pairs& pairs) const {
-  return rounding_about(pairs.values, shifts[0], true).max(told_by_residuals(pairs));
+void Eigenproblem::find_noise(Pairs& pairs) const {
+  noise_of_residuals(pairs);
+  pairs.noise = rounding_about(pairs.values, shifts[0], true).max(pairs.noise);
 }
 
 /// Errors of roots by their residuals. They are limited to the square root of rounding, by which
 /// roots that meet scatter, unless a root fails the check of its residual.
-Reals Eigenproblem::told_by_residuals(const Pairs& pairs) {
-  Reals told = pairs.uncertain;
+void Eigenproblem::noise_of_residuals(Pairs& pairs) {
+  pairs.noise = pairs.uncertain;
   for (Index i = 0; i < pairs.size(); ++i) {
     if (!has_converged(pairs.values[i], pairs.residual[i])) continue;
-    told[i] = std::min(told[i], 1e-7 * (1.0 + magnitude(pairs.values[i])));
+    pairs.noise[i] = std::min(pairs.noise[i], 1e-7 * (1.0 + magnitude(pairs.values[i])));
   }
-  return told;
 }
 
 /// Sets the slopes at rest of a pipe without damping. Its modes are real, and Re d lambda / du is
@@ -448,15 +449,16 @@ void Eigenproblem::leave_axis(Pairs& pairs) {
   }
 }
 
-Sample Eigenproblem::sample(double u, Index count) {
-  Pairs pairs = lowest(u, count, true, false);
+void Eigenproblem::sample(double u, Index count, Sample& pairs) {
+  lowest(u, count, true, false, pairs);
+  pairs.u = u;
   if (!pairs.values.isFinite().all()) {
     throw not_converged("an eigenvalue at u = %g is beyond double precision", u);
   }
   assess(u, pairs);
   const Index size = pairs.size();
-  pairs.noise = rounding(pairs);
-  pairs.slope_noise = pairs.signatures = Reals::Zero(size);
+  find_noise(pairs);
+  for (Reals* const of : {&pairs.slope_noise, &pairs.signatures}) of->setZero(size);
   for (Index i = 0; i < size; ++i) {
     if (!is_finite(pairs.slopes[i])) pairs.slopes[i] = 0.0;
     if (!traits.conservative || traits.squared || pairs.values[i].imag() == 0.0) continue;
@@ -471,15 +473,14 @@ Sample Eigenproblem::sample(double u, Index count) {
     pairs.signatures[i] = (energy > 0.0) - (energy < 0.0);
   }
   if (!traits.conservative && !traits.squared) {
-    const Reals before = pairs.noise;
+    pairs.slope_noise = pairs.noise;
     find_growth(u, pairs);
     for (Index i = 0; i < size; ++i) {  // this does not improve slopes
-      const bool hidden = pairs.noise[i] < before[i] || u == 0.0;
-      if (hidden) pairs.slope_noise[i] = slope_rounding * before[i];
+      double& before = pairs.slope_noise[i];
+      before = pairs.noise[i] < before || u == 0.0 ? slope_rounding * before : 0.0;
     }
     if (u == 0.0 && !traits.damped && pairs.right.size() > 0) leave_axis(pairs);
   }
-  return {std::move(pairs), u};
 }
 
 /// The root next to a guess, with vectors and residual.

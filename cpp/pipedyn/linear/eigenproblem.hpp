@@ -28,14 +28,14 @@ class Eigenproblem : public Spectrum {
 
   const DenseOperator& at(double u);
 
-  /// The `count` roots of least magnitude with right vectors, and with left ones if they are asked
-  /// for. Pairs that fail the check of their residual are refined once. Pairs that fail still are
-  /// in the result, as are NaNs where a root is beyond double precision. Without `high`, pairs of
-  /// modes so high that rounding explains any residual are not refined.
-  virtual Pairs lowest(double u, Index count, bool left, bool high);
-  /// The `count` lowest roots by elimination along the pipe, with vectors or without. None where
-  /// roots could not be told from one another, or where some may be missing.
-  virtual std::optional<Pairs> by_recursion(double, Index, bool) { return {}; }
+  /// Finds the `count` roots of least magnitude with right vectors, and with left ones if they are
+  /// asked for. Pairs that fail the check of their residual are refined once. Pairs that fail still
+  /// are in the result, as are NaNs where a root is beyond double precision. Without `high`, pairs
+  /// of modes so high that rounding explains any residual are not refined.
+  virtual void lowest(double u, Index count, bool left, bool high, Pairs& found);
+  /// Finds the `count` lowest roots by elimination along the pipe, with vectors or without. Returns
+  /// false where roots could not be told from one another, or where some may be missing.
+  virtual bool by_recursion(double, Index, bool, Pairs&) { return false; }
 
   /// The modes that the pipe has at rest without damping (`DenseOperator::undamped_modes`).
   const std::optional<Modes>& modes_at_rest();
@@ -44,7 +44,7 @@ class Eigenproblem : public Spectrum {
   /// numbers.
   virtual void assess(double u, Pairs& pairs);
 
-  Sample sample(double u, Index count) override;
+  void sample(double u, Index count, Sample& at) override;
   Pair refined(double u, const Pair& guess, bool vectors) override;
   Index standing() override { return free_turns().cols(); }
   Reals quotients(double u, const Pairs& pairs) override;
@@ -57,10 +57,11 @@ class Eigenproblem : public Spectrum {
   bool knows_modes() const { return modes_at_rest_.has_value(); }
   /// Whether lambda enters only as lambda^2 at a speed.
   bool is_squared(double u) const { return traits.squared || (traits.free_at_rest && u == 0.0); }
-  /// How far rounding may have moved the roots of a sample.
-  virtual Reals rounding(const Pairs& pairs) const;
-  /// Errors of roots that follow from their residuals, except for the scatter of roots that meet.
-  static Reals told_by_residuals(const Pairs& pairs);
+  /// Sets `noise` to how far rounding may have moved the roots of a sample.
+  virtual void find_noise(Pairs& pairs) const;
+  /// Sets `noise` to the errors of roots that follow from their residuals, except for the scatter
+  /// of roots that meet.
+  static void noise_of_residuals(Pairs& pairs);
   /// Work of the operator P on vectors (dof, r) that oscillate with the given frequencies.
   virtual Rayleigh rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors);
   /// Replaces Re lambda and its uncertainty by those of the energy balance, where rounding hides

@@ -214,20 +214,22 @@ class Neighbours {
 
   /// The first loss of stability of a pipe at a place between two that are alike; none if it is not
   /// as they let one expect.
-  std::optional<Sweep> between(Spectrum& spectrum, double share) const {
+  std::optional<Sweep> between(Spectrum& spectrum, double share) {
     const Index count = static_cast<Index>(roots_.size());
-    Values starts(count);
-    for (Index i = 0; i < count; ++i) starts[i] = on_line(roots_[i].first, roots_[i].second, share);
-    const std::optional<Values> there = spectrum.all_roots(low_, starts);
-    if (!there) return {};
-    const Complex start = starts[flutters_];
+    starts_.resize(count);
+    for (Index i = 0; i < count; ++i) {
+      starts_[i] = on_line(roots_[i].first, roots_[i].second, share);
+    }
+    there_ = starts_;
+    if (!spectrum.all_roots(low_, there_)) return {};
+    const Complex start = starts_[flutters_];
     double room = 2.0 * start.imag();  // distance from all other roots
     for (Index i = 0; i < count; ++i) {
       const auto& [a, b] = roots_[i];
       const bool own = i == flutters_;
       const double least = own ? 1e-9 * (1.0 + magnitude(a)) : 0.5 * std::min(-a.real(), -b.real());
-      if (!((*there)[i].real() < -least)) return {};
-      if (!own) room = std::min(room, magnitude(starts[i] - start));
+      if (!(there_[i].real() < -least)) return {};
+      if (!own) room = std::min(room, magnitude(starts_[i] - start));
     }
     const auto is_there = [&](Complex value, Complex wanted) {
       return magnitude(value - wanted) < alike * room;
@@ -238,7 +240,7 @@ class Neighbours {
     const double tolerance = 1e-6 * (1.0 + magnitude(value)), error = error_of(pair);
     const bool good = u > low_ && u < high_ && pair.converged() && pair.slope.real() > 0.0 &&
                       std::abs(pair.value.real()) <= tolerance && error <= largest_error * u &&
-                      is_there((*there)[flutters_], start) && is_there(pair.value, value) &&
+                      is_there(there_[flutters_], start) && is_there(pair.value, value) &&
                       std::abs(u - expected) < alike * (high_ - low_);
     if (!good) return {};
     const Complex passes(0.0, std::abs(pair.value.imag()));
@@ -303,6 +305,7 @@ class Neighbours {
   // Roots of both at its start, of conjugates the upper ones, and which of them flutters.
   std::vector<std::pair<Complex, Complex>> roots_;
   Index flutters_ = -1;
+  Values starts_, there_;  // memory of `between`
 };
 
 class Together {
@@ -320,11 +323,19 @@ class Together {
   }
 
  private:
+  void begin(Index i) {
+    begins_(i);
+    const Index before = std::exchange(latest_, i);
+    if (before < 0 || found_[before].untracked) return;
+    const bool fits = spectra_[before]->traits.dof == spectra_[i]->traits.dof;
+    if (fits && spectra_[before] != spectra_[i]) spectra_[i]->reuse(*spectra_[before]);
+  }
+
   Searched searched(Index i) {
     Searched done;
-    begins_(i);
+    begin(i);
     const bool is_shared = shares(i) && is_on_line(i);
-    if (is_shared) done.numbers = spectra_[i]->numbers();
+    if (is_shared) spectra_[i]->numbers(done.numbers);
     Trace* const trace = done.numbers.empty() ? nullptr : &done.trace;
     found_[i] = crossings(*spectra_[i], ranges_[i], report_, trace);
     if (trace != nullptr) done.sweep = found_[i];
@@ -342,14 +353,16 @@ class Together {
 
   /// Whether a pipe is the first, the middle or the last of five on a line, in order. Steps of
   /// others need not be kept: their neighbours seldom share them.
-  bool is_on_line(Index i) const {
+  bool is_on_line(Index i) {
     for (const Index first : {i - 2, i, i - 4}) {
       if (first < 0 || first + 4 >= static_cast<Index>(spectra_.size())) continue;
-      const auto one = spectra_[first]->numbers(), other = spectra_[first + 4]->numbers();
+      spectra_[first]->numbers(first_);
+      spectra_[first + 4]->numbers(last_);
       double last = 0.0;
       bool in_order = true;
       for (Index k = first + 1; in_order && k < first + 4; ++k) {
-        const double next = place(spectra_[k]->numbers(), one, other).value_or(-1.0);
+        spectra_[k]->numbers(numbers_);
+        const double next = place(numbers_, first_, last_).value_or(-1.0);
         in_order = next >= std::exchange(last, next);
       }
       if (in_order) return true;
@@ -357,9 +370,10 @@ class Together {
     return false;
   }
 
-  std::optional<double> place_of(Index i, const Searched& one, const Searched& other) const {
+  std::optional<double> place_of(Index i, const Searched& one, const Searched& other) {
     if (!shares(i)) return {};
-    return place(spectra_[i]->numbers(), one.numbers, other.numbers);
+    spectra_[i]->numbers(numbers_);
+    return place(numbers_, one.numbers, other.numbers);
   }
 
   /// Searches the pipes between two that were searched.
@@ -376,7 +390,7 @@ class Together {
       return;
     }
     for (Index i = low + 1; i < high; ++i) {
-      begins_(i);
+      begin(i);
       std::optional<Sweep> sweep;
       if (const std::optional<double> share = place_of(i, one, other)) {
         sweep = neighbours.between(*spectra_[i], *share);
@@ -391,6 +405,8 @@ class Together {
   const std::function<void(Index)>& begins_;
   const std::function<void()>& report_;
   const std::span<Sweep> found_;
+  Index latest_ = -1;                           // the search that began last
+  std::vector<double> numbers_, first_, last_;  // numbers of models
 };
 
 }  // namespace

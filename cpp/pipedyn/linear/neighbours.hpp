@@ -24,7 +24,8 @@
 namespace pipedyn {
 
 /// The result of `crossings` for each of several spectra. `begins` is called before each search
-/// with its index, `report` after each sample; both may throw.
+/// with its index, `report` after each sample; both may throw. Searches take their memory from
+/// those before, unless these ended early and are to be repeated with more modes.
 void search_together(std::span<const std::shared_ptr<Spectrum>> spectra,
                      std::span<const Range> ranges, const std::function<void(Index)>& begins,
                      const std::function<void()>& report, std::span<Sweep> found);

@@ -128,7 +128,8 @@ struct Pairs {
   Pair pair(Index i) const;
   /// Replaces entry k by entry i of others, with all that is known of that.
   void put(Index k, const Pairs& others, Index i);
-  Pairs take(const std::vector<Index>& which) const;
+  /// Writes the entries `which` to others, whose memory serves again.
+  void take(const std::vector<Index>& which, Pairs& to) const;
 };
 
 /// Indices of values in the order of |lambda|, with the upper of two conjugates first; values that
@@ -138,7 +139,7 @@ std::vector<Index> by_size(const ValuesRef& values, std::vector<Index> order = {
 /// The lowest roots at one speed, sorted by |lambda|, with the upper of two conjugates first.
 /// lambda is finite, and slopes are 0 where none exist.
 struct Sample : Pairs {
-  double u;
+  double u = 0.0;
 };
 
 /// Properties of a model that are the same at every speed.
@@ -164,9 +165,19 @@ class Spectrum {
   explicit Spectrum(const Traits& known) : traits(known) {}
   virtual ~Spectrum() = default;
 
-  /// The `count` roots of least |lambda|, or all roots if there are no more. Throws NotConverged
-  /// where a root is beyond double precision.
-  virtual Sample sample(double u, Index count) = 0;
+  /// Writes the `count` roots of least |lambda|, or all roots if there are no more, to a sample,
+  /// whose memory serves again. Throws NotConverged where a root is beyond double precision.
+  virtual void sample(double u, Index count, Sample& at) = 0;
+
+  /// A sample of this spectrum that nobody refers to any more, or a new one.
+  std::shared_ptr<Sample> unused_sample() {
+    for (const std::shared_ptr<Sample>& one : samples_) {
+      if (one.use_count() == 1) return one;
+    }
+    return samples_.emplace_back(std::make_shared<Sample>());
+  }
+  /// Takes over the memory of a spectrum of the same size that is not sampled any more.
+  virtual void reuse(Spectrum& other) { samples_.swap(other.samples_); }
 
   /// y^H A x of a root's vectors, for models whose parts A are known here.
   virtual std::optional<Forms> forms(const Pair&) const { return {}; }
@@ -205,13 +216,13 @@ class Spectrum {
   virtual Spectrum& without_loss() { return without_loss_ == nullptr ? *this : *without_loss_; }
   void set_without_loss(std::shared_ptr<Spectrum> other) { without_loss_ = std::move(other); }
 
-  /// The numbers on which all roots depend continuously, in an order that is the same for all
-  /// models of one kind and size; none where they are not known.
-  virtual std::vector<double> numbers() const { return {}; }
+  /// Writes the numbers on which all roots depend continuously, in an order that is the same for
+  /// all models of one kind and size; none where they are not known.
+  virtual void numbers(std::vector<double>& found) const { found.clear(); }
 
-  /// All roots at a speed, of each conjugate pair the upper one, from starts for each; none unless
-  /// these lead to all of them.
-  virtual std::optional<Values> all_roots(double, const Values&) { return {}; }
+  /// Corrects starts for all roots at a speed, of each conjugate pair the upper one; returns
+  /// whether they lead to all of them.
+  virtual bool all_roots(double, Values&) { return false; }
 
   /// Number of matrices factorised since the last call; an eigenvalue problem counts as one.
   int factorisations() {
@@ -226,6 +237,7 @@ class Spectrum {
 
  private:
   std::shared_ptr<Spectrum> without_loss_;
+  std::vector<std::shared_ptr<Sample>> samples_;  // as many as were in use at a time
 };
 
 }  // namespace pipedyn

@@ -67,36 +67,41 @@ Pairs Structured::at(double u, const ValuesRef& values, bool vectors) const {
   return found;
 }
 
-void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& found) const {
+void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& found,
+                    const std::vector<Index>& places) const {
   const bool own = vectors || traits.conservative;  // else nothing reads by_right
-  of_->pairs(u, values, vectors, own, false, found);
+  const auto place = [&](Index i) { return places.empty() ? i : places[i]; };
+  of_->pairs(u, values, vectors, own, false, found, places);
   // A pivot may be 0 at a root: vectors are then computed this far beside it, and are off as much.
   for (const double aside : {0.0, 1e-12}) {
-    std::vector<Index> poor;
+    std::vector<Index>& poor = memory_.poor;
+    poor.clear();
     for (Index i = 0; i < values.size(); ++i) {
-      const bool good = aside == 0.0 ? found.residual[i] <= small_residual && values[i] != 0.0
-                                     : std::isfinite(found.residual[i]);
+      const double residual = found.residual[place(i)];
+      const bool good =
+          aside == 0.0 ? residual <= small_residual && values[i] != 0.0 : std::isfinite(residual);
       if (!good) poor.push_back(i);
     }
     if (poor.empty()) break;
     if (aside == 0.0 && of_->is_pivoted()) continue;  // its vectors are always loaded
-    Values again(poor.size());
+    auto again = room_in(memory_.found, poor.size());
     for (std::size_t k = 0; k < poor.size(); ++k) {
       again[k] = values[poor[k]] + aside * (1.0 + std::abs(values[poor[k]]));
     }
-    Pairs other;
+    Pairs& other = memory_.again;
     of_->pairs(u, again, vectors, own, true, other);
     for (std::size_t k = 0; k < poor.size(); ++k) {
-      const Index i = poor[k];
-      if (values[i] == 0.0 || other.residual[k] < found.residual[i]) found.put(i, other, k);
+      const Index i = poor[k], to = place(i);
+      if (values[i] != 0.0 && !(other.residual[k] < found.residual[to])) continue;
+      found.put(to, other, k);
+      found.values[to] = values[i];
     }
   }
-  found.values = values;
 }
 
 /// Pairs of the given roots, corrected by their vectors as far as these allow.
 Pairs& Structured::refined_roots(double u, const Approximations& roots, bool vectors) const {
-  Pairs &found = memory_.refined, &better = memory_.again;
+  Pairs& found = memory_.refined;
   Values& values = memory_.values;
   std::vector<Index>& moved = memory_.some;
   values.resize(roots.size());
@@ -110,13 +115,11 @@ Pairs& Structured::refined_roots(double u, const Approximations& roots, bool vec
       return roots[i].settled || !(size < 1e-9 * magnitude(values[i])) || size == 0.0;
     });
     if (moved.empty()) break;
-    Values& next = memory_.at;
-    next.resize(moved.size());
+    auto next = room_in(memory_.at, moved.size());
     for (std::size_t k = 0; k < moved.size(); ++k) {
       next[k] = values[moved[k]] += found.corrections[moved[k]];
     }
-    at(u, next, vectors, better);
-    for (std::size_t k = 0; k < moved.size(); ++k) found.put(moved[k], better, k);
+    at(u, next, vectors, found, moved);
   }
   for (std::size_t i = 0; i < roots.size(); ++i) {
     if (roots[i].settled && roots[i].value == 0.0) found.residual[i] = found.uncertain[i] = 0.0;
@@ -150,59 +153,61 @@ bool Structured::has_lowest(double u, const Approximations& roots, std::size_t l
   const auto half = static_cast<Index>(std::ceil(-0.5 * std::log(outside) / apart));
   for (Index arc = std::clamp(half, least_arc_points, most_arc_points); arc <= most_arc_points;
        arc *= 2) {
-    Values points(traits.is_hysteretic() ? 2 * arc : arc);
+    auto points = room_in(memory_.at, traits.is_hysteretic() ? 2 * arc : arc);
     for (Index i = 0; i < points.size(); ++i) {
       points[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(arc));
     }
-    const Values rest = points * pipedyn::log_derivatives(*of_, u, points, roots, memory_);
-    if (std::abs(rest.mean().real()) < 0.05) return true;
+    const auto rates = pipedyn::log_derivatives(*of_, u, points, roots, memory_);
+    if (std::abs((points * rates).mean().real()) < 0.05) return true;
   }
   return false;
 }
 
-std::optional<Pairs> Structured::from(Approximations roots, double u, Index count, bool vectors,
-                                      int most) {
-  if (!correct(*of_, u, roots, memory_, most)) return std::nullopt;
+bool Structured::from(Approximations& roots, double u, Index count, bool vectors, int most,
+                      Pairs& found) {
+  if (!correct(*of_, u, roots, memory_, most)) return false;
   separate(*of_, u, is_squared(u), roots, memory_);
   sort_by_size(roots, memory_);
   std::size_t next = 0;
   for (Index number = 0; number < count; ++next) {
-    if (next == roots.size()) return std::nullopt;
+    if (next == roots.size()) return false;
     number += roots[next].alone ? 1 : 2;
   }
   const bool every = roots_in(roots) >= 2 * traits.dof;
-  if (!(every ? has_all(*of_, u, roots, memory_) : has_lowest(u, roots, next))) {
-    return std::nullopt;
-  }
+  if (!(every ? has_all(*of_, u, roots, memory_) : has_lowest(u, roots, next))) return false;
   Pairs& all = refined_roots(u, roots, vectors);
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const Complex slope = all.slopes[i];
     roots[i].settled = roots[i].value == 0.0;
     roots[i].slope = roots[i].settled || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
   }
-  if (!traits.is_hysteretic()) {
-    const std::vector<Index> left = join_conjugates(roots, all.values);
-    if (static_cast<Index>(left.size()) < all.size()) all = all.take(left);
-  }
-  auto found = with_conjugates(all, roots, count);
-  if (!found) return found;
-  found->corrections.resize(0);  // nothing reads them beyond
-  if (known_.size() == most_known) known_.erase(known_.begin());
-  known_.push_back({u, std::move(roots), most_near});
-  return found;
+  memory_.some.resize(roots.size());
+  std::iota(memory_.some.begin(), memory_.some.end(), 0);
+  if (!traits.is_hysteretic()) join_conjugates(roots, all.values, memory_.some);
+  all.noise = all.slope_noise = all.signatures = all.uncertain;  // room for those of a sample
+  if (!with_conjugates(roots, count, found)) return false;
+  std::vector<Known>& known = memory_.samples;
+  if (known.size() < most_known && (known.empty() || known[0].u != infinite))
+    known.emplace_back();
+  else
+    std::ranges::rotate(known, known.begin() + 1);
+  std::tie(known.back().u, known.back().most) = std::pair(u, most_near);
+  known.back().roots.swap(roots);
+  return true;
 }
 
-/// The `count` lowest of the given roots and of the conjugates that they imply, sorted. None if
-/// roots are paired and one of these is complex without a conjugate.
-std::optional<Pairs> Structured::with_conjugates(const Pairs& found, const Approximations& roots,
-                                                 Index count) const {
+/// The `count` lowest of the refined roots `memory_.some` and of the conjugates that they imply,
+/// sorted. Returns false if roots are paired and one of these is complex without a conjugate.
+bool Structured::with_conjugates(const Approximations& roots, Index count, Pairs& result) const {
+  const Pairs& found = memory_.refined;
   const bool paired = !traits.is_hysteretic();
   std::vector<Complex>& values = memory_.both;
-  std::vector<Index>&order = memory_.order, &which = memory_.some, &from = memory_.from;
+  std::vector<Index>&order = memory_.order, &which = memory_.which, &from = memory_.from;
   for (auto* const one : {&from, &which}) one->clear();
   values.clear();
-  for (Index i = 0; i < found.size(); ++i) {
-    const Complex value(found.values[i].real() + 0.0, found.values[i].imag() + 0.0);  // -0 is 0
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    const Complex refined = found.values[memory_.some[i]];
+    const Complex value(refined.real() + 0.0, refined.imag() + 0.0);  // -0 is 0
     values.push_back(value);
     from.push_back(i);
     if (roots[i].alone || value.imag() == 0.0) continue;
@@ -210,13 +215,13 @@ std::optional<Pairs> Structured::with_conjugates(const Pairs& found, const Appro
     from.push_back(i);
   }
   order = by_size(Eigen::Map<const Values>(values.data(), values.size()), std::move(order));
-  if (static_cast<Index>(order.size()) < count) return std::nullopt;
+  if (static_cast<Index>(order.size()) < count) return false;
   order.resize(count);
-  for (const Index i : order) which.push_back(from[i]);
-  Pairs result = found.take(which);
+  for (const Index i : order) which.push_back(memory_.some[from[i]]);
+  found.take(which, result);
   for (Index k = 0; k < count; ++k) {
     const Complex value = values[order[k]];
-    if (paired && roots[which[k]].alone && value.imag() != 0.0) return std::nullopt;
+    if (paired && roots[from[order[k]]].alone && value.imag() != 0.0) return false;
     if (value.imag() == std::exchange(result.values[k], value).imag()) continue;
     for (Values* const of : {&result.slopes, &result.by_left, &result.by_right}) {
       (*of)[k] = std::conj((*of)[k]);
@@ -225,7 +230,7 @@ std::optional<Pairs> Structured::with_conjugates(const Pairs& found, const Appro
       of->col(k) = of->col(k).conjugate();
     }
   }
-  return result;
+  return true;
 }
 
 Approximations Structured::starts_of(const DenseOperator& p, double u,
@@ -235,33 +240,42 @@ Approximations Structured::starts_of(const DenseOperator& p, double u,
 
 const Structured::Known* Structured::nearest_known(double u) const {
   const auto apart = [u](const Known& one) { return std::abs(u - one.u); };
-  const auto near = std::ranges::min_element(known_, {}, apart);
-  return near == known_.end() ? nullptr : &*near;
+  const auto near = std::ranges::min_element(memory_.samples, {}, apart);
+  return near == memory_.samples.end() || near->u == infinite ? nullptr : &*near;
 }
 
-std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors) {
+void Structured::reuse(Spectrum& other) {
+  auto* const same = dynamic_cast<Structured*>(&other);
+  if (same == nullptr) return;
+  Spectrum::reuse(other);
+  std::swap(memory_, same->memory_);
+  for (Known& one : memory_.samples) one.u = infinite;
+  of_->reuse(*same->of_);
+}
+
+bool Structured::from_known(double u, Index count, bool vectors, Pairs& found) {
   const Known* const near = nearest_known(u);
   const auto is_zero = [](const Approximation& one) { return one.settled; };
-  if (near == nullptr || roots_in(near->roots) < count) return {};
-  if (std::ranges::count_if(near->roots, is_zero) != roots_at_zero(u)) return {};
-  Approximations starts;
+  if (near == nullptr || roots_in(near->roots) < count) return false;
+  if (std::ranges::count_if(near->roots, is_zero) != roots_at_zero(u)) return false;
+  Approximations& starts = memory_.starts;
   expected(near->roots, u - near->u, traits.cluster(), !traits.is_hysteretic(), starts, memory_);
-  return from(std::move(starts), u, count, vectors, near->most);
+  return from(starts, u, count, vectors, near->most, found);
 }
 
-std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
+bool Structured::by_recursion(double u, Index count, bool vectors, Pairs& found) {
   const Index n = of_->size(), zeros = roots_at_zero(u), coarsest = of_->enough_for(count);
   const bool every = count >= 2 * traits.dof;
   const Index wanted = count + 6 + 2 * of_->held();  // further roots that show a gap
-  if (auto found = from_known(u, count, vectors)) return found;
+  if (from_known(u, count, vectors, found)) return true;
   // Roots that are too far away are followed half way first.
   const Known* const near = nearest_known(u);
-  if (near != nullptr && from_known(0.5 * (near->u + u), count, false)) {
-    if (auto found = from_known(u, count, vectors)) return found;
+  if (near != nullptr && from_known(0.5 * (near->u + u), count, false, found)) {
+    if (from_known(u, count, vectors, found)) return true;
   }
   for (Index size = coarsest;; size *= 3) {
     const bool own = 2 * size > n || (u == 0.0 && knows_modes());
-    if ((own ? n : size) > dense_limit) return std::nullopt;
+    if ((own ? n : size) > dense_limit) return false;
     Approximations starts;
     if (!own) {
       const auto coarse = of_->coarser(size)->matrices(1.0)(u);
@@ -289,12 +303,12 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
         correct(*of_->coarser(finer), u, starts, memory_);
       }
     }
-    if (auto found = from(starts, u, count, vectors, most_corrections)) return found;
-    if (own) return std::nullopt;
+    if (from(starts, u, count, vectors, most_corrections, found)) return true;
+    if (own) return false;
   }
 }
 
-Pairs Structured::lowest(double u, Index count, bool left, bool high) {
+void Structured::lowest(double u, Index count, bool left, bool high, Pairs& found) {
   const auto good = [](const Pairs& pairs) {
     Index sum = 0;
     for (Index i = 0; i < pairs.values.size(); ++i) {
@@ -304,16 +318,17 @@ Pairs Structured::lowest(double u, Index count, bool left, bool high) {
   };
   count = std::min(count, 2 * traits.dof);
   factorised_ += 2;
-  std::optional<Pairs> found = by_recursion(u, count, high || traits.damped);
+  const bool is_known = by_recursion(u, count, high || traits.damped, found);
   // At rest nothing grows without damping. In flow these roots are as accurate as those of any
   // energy balance.
-  if (found && !traits.damped) found->by_left.setZero();
-  if (found && (good(*found) == count || traits.dof > dense_limit)) return *std::move(found);
+  if (is_known && !traits.damped) found.by_left.setZero();
+  if (is_known && (good(found) == count || traits.dof > dense_limit)) return;
   if (traits.dof > dense_limit)
     throw NotConverged(
         "eigenvalues are too close to be told apart: ask for fewer, or fewer segments");
-  Pairs dense = Eigenproblem::lowest(u, count, left, high);
-  return found && good(*found) >= good(dense) ? *std::move(found) : dense;
+  Pairs dense;
+  Eigenproblem::lowest(u, count, left, high, dense);
+  if (!is_known || good(found) < good(dense)) found = std::move(dense);
 }
 
 void Structured::assume(double u, const Values& roots) {
@@ -322,27 +337,26 @@ void Structured::assume(double u, const Values& roots) {
     const bool alone = traits.is_hysteretic() || value.imag() == 0.0;
     if (value.imag() >= 0.0 || alone) starts.push_back({value, alone, value == 0.0});
   }
-  known_.push_back({u, std::move(starts), most_assumed});
+  memory_.samples.push_back({u, std::move(starts), most_assumed});
 }
 
-std::vector<double> Structured::numbers() const {
-  std::vector<double> found = of_->numbers();
+void Structured::numbers(std::vector<double>& found) const {
+  found.clear();
+  of_->numbers(found);
   if (!found.empty()) found.push_back(traits.damped ? 1.0 : 0.0);
-  return found;
 }
 
-std::optional<Values> Structured::all_roots(double u, const Values& starts) {
-  Approximations roots;
-  roots.reserve(starts.size());
-  for (const Complex start : starts) roots.push_back({start, start.imag() == 0.0});
+bool Structured::all_roots(double u, Values& values) {
+  Approximations& roots = memory_.starts;
+  roots.clear();
+  for (const Complex start : values) roots.push_back({start, start.imag() == 0.0});
   factorised_ += 2;
   const bool found = zeros_in_flow_ == 0 && roots_in(roots) == 2 * traits.dof &&
                      correct(*of_, u, roots, memory_, most_near) &&
                      roots_in(roots) == 2 * traits.dof && has_all(*of_, u, roots, memory_);
-  if (!found || static_cast<Index>(roots.size()) != starts.size()) return {};
-  Values values(starts.size());
-  for (Index i = 0; i < starts.size(); ++i) values[i] = roots[i].value;
-  return values;
+  if (!found || static_cast<Index>(roots.size()) != values.size()) return false;
+  for (Index i = 0; i < values.size(); ++i) values[i] = roots[i].value;
+  return true;
 }
 
 void Structured::assess(double u, Pairs& pairs) {
@@ -367,8 +381,6 @@ void Structured::assess(double u, Pairs& pairs) {
 
 std::optional<Forms> Structured::forms(const Pair& pair) const { return of_->forms(pair); }
 
-Reals Structured::rounding(const Pairs& pairs) const { return told_by_residuals(pairs); }
-
 Rayleigh Structured::rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors) {
   const std::optional<Rayleigh> known = of_->rayleigh(u, frequencies, vectors);
   return known ? *known : Eigenproblem::rayleigh(u, frequencies, vectors);
@@ -380,19 +392,22 @@ Reals Structured::quotients(double u, const Pairs& pairs) {
 }
 
 Pair Structured::refined(double u, const Pair& guess, bool vectors) {
-  Values value = Values::Constant(1, guess.value);
+  Complex value = guess.value, rate;
   for (int step = 0; step < 8; ++step) {
-    const Complex change = 1.0 / log_derivatives(u, value)[0];
+    of_->log_derivatives(u, Eigen::Map<Values>(&value, 1), Values(), Eigen::Map<Values>(&rate, 1));
+    const Complex change = 1.0 / rate;
     if (!std::isfinite(std::norm(change))) break;
-    value[0] -= change;
-    if (std::abs(change) <= 1e-8 * std::abs(value[0])) break;  // convergence is quadratic
+    value -= change;
+    if (std::abs(change) <= 1e-8 * std::abs(value)) break;  // convergence is quadratic
   }
-  Pairs& found = refined_roots(u, {{value[0], false}}, vectors);
+  Approximations& root = memory_.starts;
+  root.assign(1, {value});
+  Pairs& found = refined_roots(u, root, vectors);
   // Where the flow does hardly any work on a mode, as on one whose tip is held by a mass, its
   // energy balance gives a more accurate growth. It takes O(n^2), so it is used only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
   if (hidden && traits.dof <= dense_limit) {
-    if (!vectors) found = refined_roots(u, {{value[0], false}}, true);
+    if (!vectors) refined_roots(u, root, true);
     balance(u, found);
   }
   return found.pair(0);

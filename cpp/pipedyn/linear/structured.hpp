@@ -26,13 +26,13 @@ class Structured : public Eigenproblem {
   /// stiffness_size: size of K at rest, in elastic coordinates.
   Structured(const Traits& traits, std::shared_ptr<const Determinant> of, double stiffness_size);
 
-  Pairs lowest(double u, Index count, bool left, bool high) override;
-  std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
+  void lowest(double u, Index count, bool left, bool high, Pairs& found) override;
+  bool by_recursion(double u, Index count, bool vectors, Pairs& found) override;
   /// Roots as `by_recursion` gives them, from the known roots of the nearest speed.
-  std::optional<Pairs> from_known(double u, Index count, bool vectors);
+  bool from_known(double u, Index count, bool vectors, Pairs& found);
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over known roots, without those at
   /// lambda itself.
-  Values log_derivatives(double u, const Values& at, const Values& known = {}) const {
+  Values log_derivatives(double u, const ValuesRef& at, const Values& known = {}) const {
     return of_->log_derivatives(u, at, known);
   }
   /// Takes the roots of a nearly equal model as starts at a speed.
@@ -46,11 +46,12 @@ class Structured : public Eigenproblem {
   /// by its log-derivative on the circle, in O(n) for each point.
   Divergences divergences(double max_speed, bool first) override;
   std::optional<Divergence> divergence_near(double guess, double reach) override;
-  std::vector<double> numbers() const override;
-  std::optional<Values> all_roots(double u, const Values& starts) override;
+  void numbers(std::vector<double>& found) const override;
+  bool all_roots(double u, Values& roots) override;
+  void reuse(Spectrum& other) override;
 
  protected:
-  Reals rounding(const Pairs& pairs) const override;
+  void find_noise(Pairs& pairs) const override { noise_of_residuals(pairs); }
   Rayleigh rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors) override;
   void find_growth(double u, Pairs& pairs) override;
 
@@ -59,29 +60,30 @@ class Structured : public Eigenproblem {
   const Index zeros_at_rest_, zeros_in_flow_;
 
   struct Known {
-    double u;
+    double u;  // infinite where no roots are known
     Approximations roots;
     int most;  // most corrections that take them to another speed
   };
-  std::vector<Known> known_;  // roots of the last samples
 
   /// Memory that samples use one after the other.
   struct Memory : RootsMemory {
-    Pairs refined, again;  // all roots, and those that are computed once more
+    std::vector<Known> samples;  // roots of the last samples
+    Approximations starts;
+    Pairs refined, again;  // all roots, and poor ones that are computed once more
     Values values;
     std::vector<Complex> both;  // roots and the conjugates that they imply
-    std::vector<Index> some, from;
+    std::vector<Index> some, from, which, poor;
   };
   mutable Memory memory_;
 
   const Known* nearest_known(double u) const;
-
-  std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
-                            int most_corrections);
-  std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& roots,
-                                       Index count) const;
+  /// Takes starts to roots, which it keeps in place of others, whose memory it leaves there.
+  bool from(Approximations& starts, double u, Index count, bool vectors, int most_corrections,
+            Pairs& found);
+  bool with_conjugates(const Approximations& roots, Index count, Pairs& found) const;
   Pairs at(double u, const ValuesRef& values, bool vectors) const;
-  void at(double u, const ValuesRef& values, bool vectors, Pairs& found) const;
+  void at(double u, const ValuesRef& values, bool vectors, Pairs& found,
+          const std::vector<Index>& places = {}) const;
   Pairs& refined_roots(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   /// Approximate roots of an operator at a speed, from its undamped modes if these are known.

@@ -461,8 +461,9 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
   const Index size = static_cast<Index>(speeds.size());
   RootLoci loci{{size, count}, {size, count}, {size, count}, {size, count}};
   Index done = 0;
-  const auto take = [&](double u) {
-    auto at = std::make_shared<const Sample>(spectrum.sample(u, taken));
+  const auto take = [&](double u) -> SharedSample {
+    auto at = spectrum.unused_sample();
+    spectrum.sample(u, taken, *at);
     report(done);
     return at;
   };

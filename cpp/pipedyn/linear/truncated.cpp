@@ -17,8 +17,8 @@ constexpr double near_by = 1e-3;
 
 }  // namespace
 
-Sample Truncated::sample(double u, Index count) {
-  Sample at = fewer_->sample(u, count);
+void Truncated::sample(double u, Index count, Sample& at) {
+  fewer_->sample(u, count, at);
   // Three kinds of roots lie far from the axis: those of the lowest modes, of which the smaller
   // model misses little; those that damping holds near -1 / delta whatever their shape; and those
   // of the highest modes, which are not the pipe's.
@@ -45,7 +45,6 @@ Sample Truncated::sample(double u, Index count) {
     }
   }
   this->count();
-  return at;
 }
 
 Pair Truncated::refined(double u, const Pair& guess, bool vectors) {
@@ -97,9 +96,9 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
 int Truncated::unstable(double u, Index resolved) {
   constexpr Index beyond = 8;  // further roots, so that a next one is known
   const Index count = 2 * resolved;
-  const std::optional<Pairs> known = fewer_->from_known(u, count + beyond, false);
-  if (known) more_->assume(u, known->values);
-  const Sample at = more_->sample(u, count);
+  Sample at;
+  if (fewer_->from_known(u, count + beyond, false, at)) more_->assume(u, at.values);
+  more_->sample(u, count, at);
   int number = 0;
   for (Index i = more_->standing(); i < at.size(); ++i) {
     const bool grows = at.values[i].real() > at.noise[i];

@@ -30,7 +30,7 @@ class Truncated : public Spectrum {
         more_(std::move(more)),
         resolved_(2 * resolved) {}
 
-  Sample sample(double u, Index count) override;
+  void sample(double u, Index count, Sample& at) override;
   Pair refined(double u, const Pair& guess, bool vectors) override;
   Reals quotients(double u, const Pairs& pairs) override { return fewer_->quotients(u, pairs); }
   Index standing() override { return fewer_->standing(); }

@@ -749,11 +749,11 @@ class _Search:
         fit = self.count <= min(LARGEST_FULL, LARGEST_VECTORS // dof)
         return fit or dof <= LARGEST_FULL
 
-    def range(self) -> _core.Range:
-        """The request to the core: range of speeds, modes to track and the end of the search."""
+    def range(self) -> tuple[float, float, int, int, int, int, bool]:
+        """The request to the core, in the order of `Range` in linear/crossings.hpp."""
         resolved = self.tracked if self.resolved is None else self.resolved
         certain = min(self.tracked, self.model.resolved_modes)
-        return _core.Range(  # positional arguments: keywords would double the time
+        return (
             self.max_speed,
             self.reach.speed_scale(),
             self.count,

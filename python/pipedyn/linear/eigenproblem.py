@@ -106,7 +106,7 @@ class Eigenproblem:
         pipe, damped = self.pipe, self.is_damped
         conservative = self._may_be_conservative and self.is_conservative
         squared, free_at_rest = not damped and pipe.beta == 0.0, not damped
-        traits = _core.Traits(  # positional arguments: keywords would double the time
+        traits = (
             self.dof,
             pipe.damping,
             self.zero_tolerance,

@@ -23,7 +23,8 @@ from typing import Any, Literal
 import numpy as np
 
 from pipedyn import _core
-from pipedyn.linear.eigenproblem import Eigenproblem
+from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
+from pipedyn.models.base import Model
 from pipedyn.models.continuum import AnyModel
 from pipedyn.models.pencil import DensePencil
 from pipedyn.models.pipe import Pipe
@@ -209,12 +210,13 @@ def crossings_of(
 ) -> tuple[Crossing, ...]:
     """The crossings of a sweep of the core, with sensitivities if `sensitive`.
 
-    Sensitivities are computed when they are first read, unless the pencil keeps matrices till then.
+    Sensitivities are computed when they are first read, unless that takes matrices.
     """
 
     def sensitivity(crossing: _core.AxisCrossing) -> Any:
-        later = partial(_sensitivity, problem, crossing)
-        return later() if isinstance(problem.pencil, DensePencil) else later
+        if isinstance(problem.pencil, DensePencil):
+            return _sensitivity(problem.model, crossing, problem)
+        return partial(_sensitivity, problem.model, crossing)  # a result keeps no pencil
 
     found = []
     for crossing in swept.crossings:
@@ -234,7 +236,9 @@ def crossings_of(
     return tuple(found)
 
 
-def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensitivity | None:
+def _sensitivity(
+    model: Model, crossing: _core.AxisCrossing, problem: Eigenproblem | None = None
+) -> Sensitivity | None:
     """Sensitivity of a crossing from its left and right eigenvectors y and x, with Re lambda = 0.
 
     Along P(i omega, u; p) x = 0, du/dp = -Re lambda_p / Re lambda_u and domega/dp =
@@ -242,9 +246,10 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     y^H P_lambda x may be 0, since zero is a double root of a conservative pipe: there du/dp =
     -y^H P_p x / y^H P_u x. The result is None where a derivative does not exist.
     """
-    model, pencil, pipe = problem.model, problem.pencil, problem.pipe
     if crossing.vectors is None or model.rests_bent:
         return None
+    problem = problem or eigenproblem(model)
+    pencil, pipe = problem.pencil, problem.pipe
     forms = problem.spectrum().forms(crossing) or pencil.forms(*crossing.vectors)
     u, value = crossing.speed, crossing.value
     if value:

@@ -29,7 +29,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import warn_of_plane
-from pipedyn.util.parallel import Returned, batches, outcome_of, parallel
+from pipedyn.util.parallel import NoCollection, Returned, batches, outcome_of, parallel
 from pipedyn.util.result import SPEED, Result, TableResult
 
 LARGEST_BATCH = 256
@@ -250,7 +250,10 @@ def sweep(
     def model_at(value: float) -> AnyModel:
         return checked_model(make_model(value))
 
-    outcomes: list[Any] = [outcome_of(model_at, value) for value in at.tolist()]
+    outcomes: list[Any] = []
+    for part in batches(at.size, LARGEST_BATCH, 1):  # cycles of make_model do not wait for long
+        with NoCollection():
+            outcomes += [outcome_of(model_at, float(at[i])) for i in part]
     pipes = tuple(None if isinstance(one, Exception) else one.pipe for one in outcomes)
     made = [i for i, one in enumerate(pipes) if one is not None]
     if any(outcomes[i].dimensions == 2 and not outcomes[i].pipe.rests_straight for i in made):

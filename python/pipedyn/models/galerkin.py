@@ -25,7 +25,7 @@ from pipedyn.models.base import (
     projected,
     stored,
 )
-from pipedyn.models.pencil import DensePencil, Pencil
+from pipedyn.models.pencil import DensePencil, Pencil, Traits
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.reduced_supports import (
     FreeFunctions,
@@ -645,7 +645,7 @@ class PanelPencil(Pencil):
         pipe = self.pipe
         self.end_moves = pipe.cantilevered and pipe.beta * pipe.inflow_share > 0.0
 
-    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+    def spectrum(self, traits: Traits, size: float) -> _core.Eigenproblem:
         return _core.Structured(traits, self.core, self.lift, self.projection, size)
 
     def _product(self, x: Array, part: str) -> Array:

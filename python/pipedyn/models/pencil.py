@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property, partialmethod
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from pipedyn.util.check import Array
 from pipedyn.util.power_iteration import largest_stretch
 
 Vectors = NDArray[Any]
+
+Traits: TypeAlias = tuple[int, float, float, bool, bool, bool, bool, float]
+"""Properties of the pencil at every speed, in the order of `Traits` in linear/spectrum.hpp."""
 
 Product = Callable[[Vectors], Vectors]
 """A product: takes vectors of shape (dof, r) and returns the same shape."""
@@ -61,7 +64,7 @@ class Pencil:
         """Whether a joint, or the root of the pipe, has no spring."""
         return 0.0 in self.model.elastic_share
 
-    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+    def spectrum(self, traits: Traits, size: float) -> _core.Eigenproblem:
         """The core's solver for eigenvalues; size: the norm of K at rest."""
         raise NotImplementedError
 
@@ -167,8 +170,9 @@ class DensePencil(Pencil):
         matrices = self.matrices if part in self.matrices else self._slopes
         return np.asarray(matrices[part] @ x)
 
-    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        loss = traits.loss * self._slopes["by_damping"] if traits.loss else np.zeros((0, 0))
+    def spectrum(self, traits: Traits, size: float) -> _core.Eigenproblem:
+        mu = traits[-1]
+        loss = mu * self._slopes["by_damping"] if mu else np.zeros((0, 0))
         matrices = *self.matrices.values(), loss
         rounding = self.model.matrix_rounding
         return _core.Eigenproblem(traits, matrices, self.pipe.alpha, size, rounding)

@@ -661,7 +661,7 @@ class Pipe(Saved):
         across = self.alpha * abs(math.sin(self.jet_angle))
         return 0.0 if self.end_held or across < 1e-15 else across
 
-    @cached_property
+    @property
     def down(self) -> tuple[float, float]:
         """The direction of gravity: components across and along the clamp's axis.
 
@@ -673,12 +673,12 @@ class Pipe(Saved):
         across, along = (0.0 if abs(x) < 1e-15 else x for x in both)
         return across, along
 
-    @cached_property
+    @property
     def axial_gravity(self) -> float:
         """Weight per length along the clamp's axis, in EI / L^3."""
         return self.gamma * self.down[1]
 
-    @cached_property
+    @property
     def sags(self) -> bool:
         """Whether gravity or another dead load acts across the straight pipe, so that it bends."""
         return bool(self.gamma * self.down[0]) or any(one.load_across for one in self.terms)
@@ -699,7 +699,7 @@ class Pipe(Saved):
         root = self.root.across() if isinstance(self.root, RootSpring) else self.root
         return replace(self, terms=tuple(term.across() for term in self.terms), root=root)
 
-    @cached_property
+    @property
     def axial_loads(self) -> tuple[float, float]:
         """Sums of the terms' loads that stretch the straight pipe and that compress it, >= 0."""
         pulls, pushes = 0.0, 0.0
@@ -708,7 +708,7 @@ class Pipe(Saved):
             pushes += max(-term.axial_load, 0.0)
         return pulls, pushes
 
-    @cached_property
+    @property
     def fed_at_rest(self) -> bool:
         """Whether a term may supply energy to small motions where there is no flow."""
         return any(one.supplies_energy for one in self.terms)

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import ANGLES, CORE_MATRICES, Model, Operators, operators_from, stored
-from pipedyn.models.pencil import DensePencil, Pencil, Vectors, real_columns
+from pipedyn.models.pencil import DensePencil, Pencil, Traits, Vectors, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
 from pipedyn.util import check
@@ -432,7 +432,7 @@ class ChainPencil(Pencil):
         loads = self.scale[:, None] * self.core.joint_times(free, damping=1.0)
         return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held else 0.0
 
-    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+    def spectrum(self, traits: Traits, size: float) -> _core.Eigenproblem:
         return _core.Structured(traits, self.core, self.complement if self.held else None, size)
 
     def elastic(self, x: Vectors) -> Vectors:

@@ -120,7 +120,8 @@ def _rule(low: float, high: float, open_low: bool, open_high: bool) -> str:
 
 def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> int:
     """The value, refused unless it is an integer in an interval and no boolean or float."""
-    if isinstance(value, NOT_NUMBERS) or not isinstance(value, Integral):
+    known = type(value) is int  # an abstract class takes far longer
+    if not known and (isinstance(value, NOT_NUMBERS) or not isinstance(value, Integral)):
         raise TypeError(f"{name} must be a whole number, got {shown(value)}")
     number = operator.index(value)
     if number < low or (high is not None and number > high):
@@ -157,6 +158,8 @@ def choice(name: str, value: Any, options: Collection[Word]) -> Word:
     """The value, refused unless it is one of a few words."""
     is_word = isinstance(value, str)
     if is_word and value in options:
+        if type(value) is str:
+            return value
         return next(option for option in options if option == value)
     listed = ", ".join(repr(option) for option in options)
     if not is_word:

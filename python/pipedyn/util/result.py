@@ -180,7 +180,7 @@ class Result(Saved):
     def _made(cls, **values: Any) -> Self:
         """A result from values of all its fields, in a third of the constructor's time."""
         made = object.__new__(cls)
-        vars(made).update(values)
+        object.__setattr__(made, "__dict__", values)
         return made
 
     def __eq__(self, other: object) -> Any:
