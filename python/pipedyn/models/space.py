@@ -188,11 +188,14 @@ class SpatialModel(MeetsSupports, Model):
             ValueError: if p does not lie in the plane z = 0 or, where all planes through the axis
                 are alike, in one of these.
         """
-        x, z = self._towards_plane(p)
-        if np.abs(z).max() > IN_PLANE * (1.0 + np.abs(x).max()):
+        if not self.lies_in_plane(p):
             planes = "a plane through the axis" if self.axisymmetric else "the plane z = 0"
             raise ValueError(f"{name} must lie in {planes}, got {check.shown(p)}")
-        return x
+        return self.nearest_in_plane(p)
+
+    def lies_in_plane(self, p: Array) -> bool:
+        x, z = self._towards_plane(p)
+        return bool(np.abs(z).max() <= IN_PLANE * (1.0 + np.abs(x).max()))
 
     def __repr__(self) -> str:
         return f"{self._planar!r}"[:-1] + f", dimensions=3{self._about_shown})"
@@ -365,6 +368,17 @@ class SpatialModel(MeetsSupports, Model):
         own, mass = twice(fast), np.zeros((half, half))
         mass[i, k] = mass[k, i] = 0.5 * (twice(fast[:, i] + fast[:, k]) - own[i] - own[k])
         return mass / np.outer(FAST * scale, FAST * scale)
+
+    def inertia(self, q: Array, accelerations: Array) -> Array:
+        """Forces, (coordinates,), that give a pipe at rest accelerations, (coordinates,).
+
+        They are differences of kinetic energies at rates beside which other energy is rounding.
+        """
+        size, unit = float(np.abs(accelerations).max()) or 1.0, FAST * np.eye(q.size)
+        rates = np.concatenate([unit, -unit], axis=1) + FAST / size * accelerations[:, None]
+        still = np.tile(q[:, None], rates.shape[1])
+        ahead, behind = np.split(np.asarray(self.energy(np.concatenate([still, rates]))), 2)
+        return np.asarray(0.5 * size / FAST**2 * (ahead - behind))
 
     def elastic_operators(self) -> Operators:
         """Operators in elastic coordinates; about the straight pipe two blocks of planar ones."""
