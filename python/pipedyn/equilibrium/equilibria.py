@@ -36,7 +36,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, NotResolved, PipedynError
-from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.newton import NewtonFailed, zero_between
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import RATE, Result, TableResult, numbered_columns
 
@@ -361,7 +361,9 @@ class _Solutions:
         """
         statics, u = self.statics, self.u
         self.add([statics.resting])
-        self.buckle(statics.resting)
+        for start in statics.buckled(statics.resting, u):
+            with suppress(NewtonFailed):
+                self.add([statics.balanced(start, u, longest=0.3, iterations=40)])
         model = statics.within
         held = model.integrated != model.dof
         if counted and model.dof <= COUNTED_DOF and not held:
@@ -388,22 +390,15 @@ class _Solutions:
     def run_in_space(self, own: list[Array], rests: Array) -> None:
         """Looks for solutions out of the plane z = 0, given those in it as rows of `rests`."""
         statics, modes, odd = self.statics, 2, len(self.mirrors) > 1
-        for rest in rests:
-            self.buckle(rest)
+        buckled = [start for rest in rests for start in statics.buckled(rest, self.u)]
         sizes = [size for size in BEND_ANGLES if size <= IN_SPACE]
-        starts = [*own, *_bends(statics, modes, sizes, odd)]
+        starts = [*own, *buckled, *_bends(statics, modes, sizes, odd)]
         self.add(_balanced(statics, self.u, starts, 0.2))
         self.found = [x for x in self.found if not statics.model.lies_in_plane(x)]
         self.search = (
             f"in space {len(starts)} starts bent by up to {sizes[-1]:g} rad in mixtures of {modes} "
-            "modes of each plane, and in shapes that buckle; solutions in space are not counted"
+            "modes of each plane and in shapes that buckle; solutions in space are not counted"
         )
-
-    def buckle(self, rest: Array) -> None:
-        """Adds solutions to which the shapes lead in which the pipe buckles from a solution."""
-        for start in self.statics.buckled(rest, self.u):
-            with suppress(NewtonFailed):
-                self.add([self.statics.balanced(start, self.u, longest=0.3, iterations=40)])
 
     def in_order(self) -> list[Array]:
         """Solutions by their distance from rest, of mirror images those to the right first."""
@@ -874,7 +869,10 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         growth = TestFunction(step, 1e-10 * (1.0 + until), self._growth, kind, known)
         found = special_points(step, 1e-12 if fork is None else 0.0, [growth], until)
         turns = [s for name, _, s in found if name == "fold"]
-        for name, before, s in found:
+        for name, before, beyond in found:
+            s = beyond
+            if name == "branch point":
+                s = self._singular(step, before, beyond, until)
             # Right beside a pitchfork its own eigenvalue counts as neutral.
             same = fork is not None and abs(step.at(s).p / fork.p - 1.0) < SAME_FORK
             same |= any(abs(s - turn) <= 1e-3 * ds for turn in turns)
@@ -884,7 +882,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
             self.changes.append(point)
             if 1e-6 * ds < s < (1.0 - 1e-6) * ds:  # otherwise the end of the step is there
                 z = np.append(step.at(s).x, point.speed)
-                self._add(Point(z, step.at(s).tangent), growth.at(before), growth.at(s))
+                self._add(Point(z, step.at(s).tangent), growth.at(before), growth.at(beyond))
         if fork is None:
             self._add(b, growth.at(until))
             return "far" if float(np.abs(b.x).max()) > TEN_TURNS else None
@@ -905,6 +903,27 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         """The growth of small motions about an equilibrium, as `Statics.growth` gives it."""
         return self.statics.growth(point.x, abs(point.p))
 
+    def _singular(
+        self, step: BranchStep[DenseProblem], before: float, beyond: float, until: float
+    ) -> float:
+        """Arc length near a change at which a stiffness K is singular, or that right beyond it.
+
+        Roots of det K are more precise than changes of the number of unstable eigenvalues.
+        """
+        near = 1e-3 * step.length
+        low, high = max(before - near, 0.0), min(beyond + near, until)
+        for plane in self.statics.planes:
+
+            def determinant(s: float, plane: int = plane) -> float:
+                point = step.at(s)
+                stiffness = self.statics.matrices(point.x, abs(point.p), plane)[2]
+                sign, log = np.linalg.slogdet(stiffness)
+                return float(sign * np.exp(log / len(stiffness)))
+
+            if determinant(low) * determinant(high) < 0.0:
+                return zero_between(determinant, low, high)
+        return beyond
+
     def _point(self, kind: Change, point: Point) -> BranchPoint:
         statics, speed, frequency = self.statics, abs(point.p), 0.0
         if kind == "hopf":
@@ -913,7 +932,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
             if oscillating.size:
                 crossing = np.argmin(np.abs(oscillating.real))
                 frequency = float(abs(oscillating[crossing].imag))
-        if kind == "pitchfork":  # roots of det K are more precise than changes of the count
+        if kind == "pitchfork":  # known without the branch's own error
             speed = statics.fork_speed(statics.straightened(point.x), speed) or speed
         q = statics.to_user(point.x[None])[0]
         return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])

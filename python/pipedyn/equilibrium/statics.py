@@ -34,6 +34,9 @@ SOLVED = 1e-8
 """Length of a step of Newton's method after which the error, of the order of its square, is small
 enough."""
 
+FORCE_STEP = 1e-5
+"""Change of a coordinate over which forces are compared, so that their slopes have ten digits."""
+
 NEARER = 0.95
 """Share of the way to a pitchfork that is taken twice along a branch that meets it. From there its
 speed, whose difference falls as the square of the way left, is extrapolated; at the pitchfork
@@ -117,9 +120,7 @@ class Statics(BranchOfRest):
         slopes = self.angles(np.eye(self.size)).T
 
         def correction(x: Array) -> tuple[Array, float]:
-            free, (mass, _, stiffness) = self.within.free_directions(x), self.matrices(x, u, 0)
-            force = mass @ (free.T @ self.accelerations(x[None], u)[0])
-            step = free @ np.linalg.solve(stiffness, force)
+            step = self.step_to_balance(x, u)
             return step, rms_along(slopes @ step)
 
         def moved(x: Array, step: Array, share: float) -> Array:
@@ -132,6 +133,12 @@ class Statics(BranchOfRest):
         if self.unbalanced(found, u) > BALANCED:
             raise NewtonFailed("forces are left")
         return found
+
+    def step_to_balance(self, x: Array, u: float) -> Array:
+        """Step of Newton's method for the forces at x in directions that constraints allow."""
+        free, (mass, _, stiffness) = self.within.free_directions(x), self.matrices(x, u, 0)
+        force = mass @ (free.T @ self.accelerations(x[None], u)[0])
+        return np.asarray(free @ np.linalg.solve(stiffness, force))
 
     def buckled(self, rest: Array, u: float) -> Iterator[Array]:
         """Starts in the shapes in which the pipe buckles, if a rest is statically unstable.
@@ -283,8 +290,19 @@ class StaticsInSpace(Statics):
 
     def forces(self, x: Array, u: float) -> Array:
         """Unbalanced forces, (integrated,), those that a missed support would need included."""
+        return self._all_forces(x[None], u)[0]
+
+    def _all_forces(self, xs: Array, u: float) -> Array:
         assert isinstance(self.within, SpatialModel)
-        return self.within.inertia(x, self.accelerations(x[None], u)[0])
+        return self.within.inertia(xs.T, self.accelerations(xs, u).T).T
+
+    def step_to_balance(self, x: Array, u: float) -> Array:
+        """Step of Newton's method for the forces, whose derivative is a central difference."""
+        free = self.within.free_directions(x)
+        either = np.concatenate([x + FORCE_STEP * free.T, x - FORCE_STEP * free.T])
+        ahead, behind = np.split(self._all_forces(either, u) @ free, 2)
+        slopes = (ahead - behind).T / (2.0 * FORCE_STEP)
+        return np.asarray(-free @ np.linalg.solve(slopes, free.T @ self.forces(x, u)))
 
     def mirrors(self, u: float) -> list[Array]:
         """Signs of coordinates for the images in the plane z = 0, in x = 0, and in the axis."""

@@ -370,15 +370,16 @@ class SpatialModel(MeetsSupports, Model):
         return mass / np.outer(FAST * scale, FAST * scale)
 
     def inertia(self, q: Array, accelerations: Array) -> Array:
-        """Forces, (coordinates,), that give a pipe at rest accelerations, (coordinates,).
+        """Forces, (coordinates, k), that give k pipes at rest accelerations, (coordinates, k).
 
         They are differences of kinetic energies at rates beside which other energy is rounding.
         """
-        size, unit = float(np.abs(accelerations).max()) or 1.0, FAST * np.eye(q.size)
-        rates = np.concatenate([unit, -unit], axis=1) + FAST / size * accelerations[:, None]
-        still = np.tile(q[:, None], rates.shape[1])
-        ahead, behind = np.split(np.asarray(self.energy(np.concatenate([still, rates]))), 2)
-        return np.asarray(0.5 * size / FAST**2 * (ahead - behind))
+        size = np.maximum(np.abs(accelerations).max(axis=0), 1e-300)
+        unit = FAST * np.concatenate([np.eye(len(q)), -np.eye(len(q))], axis=1)[:, None]
+        rates = unit + (FAST / size * accelerations)[:, :, None]
+        y = np.concatenate([q[:, :, None] + 0.0 * unit, rates]).reshape(2 * len(q), -1)
+        ahead, behind = np.split(np.reshape(self.energy(y), rates.shape[1:]), 2, axis=1)
+        return np.asarray(0.5 * size / FAST**2 * (ahead - behind).T)
 
     def elastic_operators(self) -> Operators:
         """Operators in elastic coordinates; about the straight pipe two blocks of planar ones."""
