@@ -870,9 +870,11 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         found = special_points(step, 1e-12 if fork is None else 0.0, [growth], until)
         turns = [s for name, _, s in found if name == "fold"]
         for name, before, beyond in found:
-            s = beyond
+            s: float | None = beyond
             if name == "branch point":
-                s = self._singular(step, before, beyond, until)
+                s = self._singular(step, before, beyond, math.inf if fork is None else 0.9 * until)
+            if s is None:
+                continue
             # Right beside a pitchfork its own eigenvalue counts as neutral.
             same = fork is not None and abs(step.at(s).p / fork.p - 1.0) < SAME_FORK
             same |= any(abs(s - turn) <= 1e-3 * ds for turn in turns)
@@ -905,24 +907,27 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
 
     def _singular(
         self, step: BranchStep[DenseProblem], before: float, beyond: float, until: float
-    ) -> float:
-        """Arc length near a change at which a stiffness K is singular, or that right beyond it.
+    ) -> float | None:
+        """Arc length near a change of one real eigenvalue at which a stiffness K is singular.
 
-        Roots of det K are more precise than changes of the number of unstable eigenvalues.
+        None is returned if there is none: right beside folds and forks the count of unstable
+        eigenvalues also changes where an eigenvalue rises above its rounding.
         """
-        near = 1e-3 * step.length
-        low, high = max(before - near, 0.0), min(beyond + near, until)
-        for plane in self.statics.planes:
+        near, statics = 0.1 * step.length, self.statics
+        low, high = before - near, min(beyond + near, until)
+        for plane in statics.planes:
+            if plane and statics.model.axisymmetric:  # singular anywhere, by a turn about the axis
+                return beyond
 
             def determinant(s: float, plane: int = plane) -> float:
                 point = step.at(s)
-                stiffness = self.statics.matrices(point.x, abs(point.p), plane)[2]
+                stiffness = statics.matrices(point.x, abs(point.p), plane)[2]
                 sign, log = np.linalg.slogdet(stiffness)
                 return float(sign * np.exp(log / len(stiffness)))
 
             if determinant(low) * determinant(high) < 0.0:
                 return zero_between(determinant, low, high)
-        return beyond
+        return None
 
     def _point(self, kind: Change, point: Point) -> BranchPoint:
         statics, speed, frequency = self.statics, abs(point.p), 0.0
