@@ -393,7 +393,7 @@ class _Solutions:
         buckled = [start for rest in rests for start in statics.buckled(rest, self.u)]
         sizes = [size for size in BEND_ANGLES if size <= IN_SPACE]
         starts = [*own, *buckled, *_bends(statics, modes, sizes, odd)]
-        self.add(_balanced(statics, self.u, starts, 0.2))
+        self.add(_balanced(statics, self.u, starts, 0.5))
         self.found = [x for x in self.found if not statics.model.lies_in_plane(x)]
         self.search = (
             f"in space {len(starts)} starts bent by up to {sizes[-1]:g} rad in mixtures of {modes} "
@@ -542,31 +542,35 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
     """Solutions to which Newton's method leads from many starts, in batches, (k, integrated).
 
     Most solutions are listed once. A step is at most `longest` relative to 1 rad plus the size of
-    x, and is quartered until it lowers the residual; a start whose step becomes too short is given
-    up.
+    x, and is quartered until the next step, by the same derivatives, would be shorter; a start
+    whose step becomes too short is given up. In space, near half a turn, residuals rise on the way
+    to some solutions.
+
+    Source: Deuflhard (2004), Newton methods for nonlinear problems, sec. 3.3 (natural level).
     """
     found = np.zeros((0, statics.size))
     if not starts:
         return found
     for x in np.array_split(starts, math.ceil(len(starts) * statics.size**2 / BATCH_ENTRIES)):
-        step, share = np.zeros_like(x), np.ones(len(x))
-        size, least = np.full((2, len(x)), math.inf)
+        step, share, size = np.zeros_like(x), np.ones(len(x)), np.full(len(x), math.inf)
+        slopes = np.broadcast_to(np.eye(statics.size), (*x.shape, statics.size)).copy()
         for _ in range(MOST_SEARCH_STEPS):
             moved = x + share[:, None] * step
             residual = statics.accelerations(moved, u)
-            left = np.linalg.norm(residual, axis=1)
-            lower = left <= (1.0 - 0.1 * share) * least
+            onward = np.linalg.norm(statics.steps(slopes, residual), axis=1)
+            lower = onward <= (1.0 - 0.25 * share) * size
             share[~lower] *= 0.25
-            x[lower], least[lower] = moved[lower], left[lower]
+            x[lower] = moved[lower]
             if lower.any():
-                step[lower] = statics.steps(x[lower], residual[lower], u)
+                slopes[lower] = statics.jacobian(x[lower], u)
+                step[lower] = statics.steps(slopes[lower], residual[lower])
                 size = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
                 most = longest * (math.sqrt(statics.size) + np.linalg.norm(x, axis=1))
                 share[lower] = np.minimum(1.0, most / size)[lower]
             solved = lower & (size <= SOLVED)
             found = np.concatenate([found, (x + step)[solved]])
             going = ~solved & (share > LEAST_SHARE) & (np.abs(x).max(axis=1) <= TEN_TURNS)
-            x, step, share, size, least = (a[going] for a in (x, step, share, size, least))
+            x, step, slopes, share, size = (a[going] for a in (x, step, slopes, share, size))
             if not len(x):
                 break
     _, first = np.unique(found.round(7), axis=0, return_index=True)

@@ -80,13 +80,16 @@ class Statics(BranchOfRest):
             images[1:] = np.abs(xs[1:] + xs[:-1]).max(axis=1) <= DISTINCT
         return images
 
-    def steps(self, xs: Array, residuals: Array, u: float) -> Array:
-        """Newton's steps from the rows of xs, (k, integrated); not finite where no step exists."""
-        derivative = self.jacobian(xs, u)
+    @staticmethod
+    def steps(slopes: Array, residuals: Array) -> Array:
+        """Newton's steps, (k, integrated); not finite where a residual is not finite.
+
+        slopes: derivatives of the residuals, (k, integrated, integrated).
+        """
         try:
-            found = np.linalg.solve(derivative, -residuals[:, :, None])
+            found = np.linalg.solve(slopes, -residuals[:, :, None])
         except np.linalg.LinAlgError:  # the shortest step of those that a free turn leaves
-            found = np.linalg.pinv(derivative, 1e-13) @ -residuals[:, :, None]
+            found = np.linalg.pinv(slopes, 1e-13) @ -residuals[:, :, None]
         return np.asarray(found[:, :, 0])
 
     def at_rest(self, rest: Array, x: Array, p: float) -> tuple[Array, Array]:
