@@ -180,8 +180,10 @@ def bifurcation_diagram(
     In three dimensions, if the pipe is the same in all directions, cycles are planar ones, with the
     stability of motions across their plane, and circular motions are followed from the onsets of
     the straight pipe (`rotating`). Motions that are neither are not followed over the speed; those
-    on which motions end are among `motions`. If a load bends the pipe, cycles that leave its plane
-    are followed as others are.
+    on which motions end are among `motions`. Otherwise, as if a load bends the pipe, equilibria that
+    leave the plane z = 0 are followed from the points at which a real eigenvalue of others passes
+    0, and from those found at the first, the middle and the last speed; cycles that leave it are
+    followed as others are.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -364,7 +366,7 @@ def add_offshoots(
             continue
         try:
             branches += offshoots(model, point, ends, marks)
-        except NewtonFailed as reason:
+        except (NewtonFailed, PipedynError) as reason:
             report = f"the equilibria that leave others at u = {point.speed:g} were not followed: "
             failed.append((point.speed, NotConverged(f"{report}{reason}")))
 

@@ -598,8 +598,8 @@ class BranchPoint(Result):
 
     Attributes:
         kind: "fold", "pitchfork" (branches leave the straight pipe as mirror images, which is how
-            it diverges), "branch point" (another real eigenvalue passes 0) or "hopf" (flutter: a
-            pair passes the axis).
+            it diverges), "branch point" (another real eigenvalue passes 0, as where branches leave
+            the plane of a load) or "hopf" (flutter: a pair passes the axis).
         speed: flow speed u.
         frequency: angular frequency of the pair, in 1 / T; 0 unless "hopf".
         q: the configuration, shape (coordinates,).
@@ -683,7 +683,8 @@ def equilibrium_branch(
             eigenvalues of a dense matrix, O(dof^3).
         q0: configuration near the equilibrium, as coordinates or an angle theta(s), as for
             `simulate`. Newton's method starts there, and leads at most half a radian away, as the
-            root mean square along the pipe.
+            root mean square along the pipe. In three dimensions it may lie out of the plane z = 0
+            if the pipe is not the same in all directions.
         u0: flow speed of the equilibrium, within `speeds`.
         speeds: (lowest, highest) flow speed of the branch.
         step: longest step along the branch, in [1e-4, 1]: in rad, as the root mean square over
