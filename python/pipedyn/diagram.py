@@ -180,10 +180,10 @@ def bifurcation_diagram(
     In three dimensions, if the pipe is the same in all directions, cycles are planar ones, with the
     stability of motions across their plane, and circular motions are followed from the onsets of
     the straight pipe (`rotating`). Motions that are neither are not followed over the speed; those
-    on which motions end are among `motions`. Otherwise, as if a load bends the pipe, equilibria that
-    leave the plane z = 0 are followed from the points at which a real eigenvalue of others passes
-    0, and from those found at the first, the middle and the last speed; cycles that leave it are
-    followed as others are.
+    on which motions end are among `motions`. Otherwise, as where a load bends the pipe, equilibria
+    that leave the plane z = 0 are followed from the points at which a real eigenvalue of others
+    passes 0, and from those found at the first, the middle and the last speed; cycles that leave it
+    are followed as others are.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.

@@ -24,6 +24,7 @@ from pipedyn.equilibrium.statics import (
     SOLVED,
     Statics,
     StaticsInSpace,
+    from_start,
     leaves_planes,
     rms_along,
     statics_of,
@@ -230,9 +231,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     u = steady_speed("u", u)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
         raise TypeError(f"starts must be a sequence of starts, got {check.shown(starts)}")
-    space = StaticsInSpace(model) if leaves_planes(model) else None
-    own = [(space or statics).from_start(f"starts[{i}]", one) for i, one in enumerate(starts)]
-    spatial = [] if space is None else [p for p in own if not model.lies_in_plane(p)]
+    own = [from_start(model, f"starts[{i}]", start) for i, start in enumerate(starts)]
     with one_thread(model.dof):
         solutions = _Solutions(statics, u)
         solutions.run([model.nearest_in_plane(p) for p in own], counted)
@@ -243,13 +242,13 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
         reasons = [model.beyond_reach(x) for x in every]
         xs, left_out = every[[not why for why in reasons]], list(filter(None, reasons))
         complete, search = solutions.complete, solutions.search
-        parts = [_columns_of(statics, u, xs)] if len(xs) else []
-        if space is not None:
-            beside = _Solutions(space, u)
-            beside.run_in_space(spatial, statics.whole(xs.T).T)
+        parts = [_columns_at(statics, u, xs)] if len(xs) else []
+        if leaves_planes(model):
+            beside = _Solutions(StaticsInSpace(model), u)
+            beside.run_in_space(own, statics.whole(xs.T).T)
             complete, search = False, f"{search}; {beside.search}"
             if beside.found:
-                parts.append(_columns_of(space, u, np.array(beside.in_order())))
+                parts.append(_columns_at(beside.statics, u, np.array(beside.in_order())))
         if not parts:
             why = f"in that of a plane {left_out[0]}"
             raise NotConverged(f"no equilibrium was found at u = {u:g}: {why}")
@@ -282,7 +281,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
 # ------------------------------------------------------------------------------- one flow speed
 
 
-def _columns_of(statics: Statics, u: float, xs: Array) -> dict[str, Array]:
+def _columns_at(statics: Statics, u: float, xs: Array) -> dict[str, Array]:
     """Columns of `Equilibria` for solutions xs, (k, integrated), with the distance from rest."""
     values, q = [statics.eigenvalues(x, u) for x in xs], statics.to_user(xs)
     stable = np.array([is_stable(one) for one in values])
@@ -585,7 +584,7 @@ Change = Literal["fold", "pitchfork", "branch point", "hopf"]
 SAME_FORK = 1e-6
 """Largest relative distance in speed from a pitchfork of a change that is that of the pitchfork."""
 
-LONGEST_STEP = 0.05
+BRANCH_STEP = 0.05
 """Longest step along a branch, as for `equilibrium_branch`, where none is given."""
 
 MOST_POINTS = 4000
@@ -674,7 +673,7 @@ def equilibrium_branch(
     q0: Start,
     u0: float,
     speeds: tuple[float, float],
-    step: float = LONGEST_STEP,
+    step: float = BRANCH_STEP,
 ) -> EquilibriumBranch:
     """The branch of equilibria through a given equilibrium, followed past folds in the speed.
 
@@ -714,10 +713,7 @@ def equilibrium_branch(
     require_steady("u0", u0)
     u0 = check.real("u0", u0, low=low, high=high)
     step = check.real("step", step, low=1e-4, high=1.0)
-    statics = StaticsInSpace(model) if leaves_planes(model) else Statics(model)
-    start = statics.from_start("q0", q0)
-    if statics.axes == 2:
-        statics, start = statics_of(model, start)
+    statics, start = statics_of(model, from_start(model, "q0", q0))
     with one_thread(model.dof):
         try:
             x = statics.solved(start, u0)
@@ -750,7 +746,7 @@ def offshoots(
         NewtonFailed: if no equilibrium is found beside the point.
     """
     statics, u = StaticsInSpace(model), point.speed
-    x = statics.from_start("point", point.q)
+    x = from_start(model, "point", point.q)
     with one_thread(model.dof):
         free, mirrors = model.free_directions(x), statics.mirrors(u)
         away = free @ np.linalg.svd(statics.matrices(x, u, 0)[2])[2][-1]
@@ -761,12 +757,12 @@ def offshoots(
         ]
         if not any(broken) or (model.lies_in_plane(x) and model.lies_in_plane(away)):
             return []
-        problem = _problem(statics, speeds, LONGEST_STEP)
+        problem = _problem(statics, speeds, BRANCH_STEP)
         start = problem.starting(np.append(x, u), np.append(away, 0.0))
-        beside = problem.at(start, 0.2 * LONGEST_STEP)
+        beside = problem.at(start, 0.2 * BRANCH_STEP)
         if not speeds[0] <= beside.p <= speeds[1]:
             return []
-        found = [_branch_through(statics, beside.x, beside.p, speeds, LONGEST_STEP, marks)]
+        found = [_branch_through(statics, beside.x, beside.p, speeds, BRANCH_STEP, marks)]
     for signs in mirrors:
         q = signs * found[0].q
         if all(np.abs(q - other.q).max() > DISTINCT for other in found):
@@ -839,15 +835,15 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         marks: Sequence[float],
     ) -> None:
         super().__init__([(-1, *speeds)], MOST_POINTS // 2, (NewtonFailed, NotResolved))
-        self.statics, self.longest, self.marks = statics, longest, [start.p, *marks]
+        self.statics, self.longest = statics, longest
+        self.marks = [(-1, mark) for mark in (start.p, *marks)]
         self.points, self.growth = [start], [self._growth(start)]
         self.changes: list[BranchPoint] = []
 
     def followed(self, branch: DenseProblem) -> str:
         """Follows the branch, and returns why it ends."""
         start = self.points[0]
-        marks = [(-1, mark) for mark in self.marks]
-        steps = branch.segments(start, 0.2 * self.longest, marks)
+        steps = branch.segments(start, 0.2 * self.longest, self.marks)
         return self.one_way(steps, branch, start)[1]
 
     def note(self, step: BranchStep[DenseProblem]) -> str | None:
@@ -857,9 +853,8 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         by rounding the number of unstable eigenvalues changes next to the fold: both are one
         change, listed once.
         """
-        statics, b, ds = self.statics, step.end, step.length
-        met = statics.meeting(step, 2.0 * self.longest)
-        fork, until = met or (None, ds)
+        statics, ds = self.statics, step.length
+        fork, until = statics.meeting(step, 2.0 * self.longest) or (None, ds)
         known = {0.0: self.growth[-1]}
 
         def kind(before: float, s: float) -> Change:
@@ -891,8 +886,8 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
                 z = np.append(step.at(s).x, point.speed)
                 self._add(Point(z, step.at(s).tangent), growth.at(before), growth.at(beyond))
         if fork is None:
-            self._add(b, growth.at(until))
-            return "far" if float(np.abs(b.x).max()) > TEN_TURNS else None
+            self._add(step.end, growth.at(until))
+            return "far" if float(np.abs(step.end.x).max()) > TEN_TURNS else None
         end: Change = "pitchfork" if statics.straight(fork.x) else "branch point"
         self.changes.append(self._point(end, fork))
         self._add(fork, self._growth(fork), growth.at(until))

@@ -173,29 +173,21 @@ class Statics(BranchOfRest):
         return self.within.dimensions - 1
 
     def angles(self, xs: Array) -> Array:
-        """Angles of the pipe at arc lengths `ALONG`, (k, points), for rows xs, (k, integrated)."""
-        return np.asarray(self.within.deflection(xs.T, ALONG, 1)).T
+        """Angles of the pipe at arc lengths `ALONG`, (k, points), for rows xs, (k, integrated).
 
-    def from_start(self, name: str, start: Any) -> Array:
-        """Integrated coordinates x, (integrated,), of a start that is the argument `name`.
-
-        The start consists of coordinates or is a function theta(s).
+        In space they are those about z and about x, (k, 2 points), times sqrt(2), so that their
+        root mean square is that of the whole angle.
         """
-        given = self.model.bent(start) if callable(start) else start
-        try:
-            state = self.model.initial_state(given, None)
-            return self.in_coordinates(name, np.split(state, 2)[0])
-        except (ValueError, TypeError) as error:
-            raise type(error)(str(error).replace("q0", name, 1)) from error
-
-    def in_coordinates(self, name: str, p: Array) -> Array:
-        """Coordinates x, (integrated,), of a configuration p that is the argument `name`."""
-        return self.model.into_plane(name, p)
+        found = self.within.deflection(xs.T, ALONG, 1).reshape(self.axes * ALONG.size, -1)
+        return math.sqrt(self.axes) * np.asarray(found).T
 
     @cached_property
     def whole_turn(self) -> Array | None:
-        """Change of x by a whole turn about a hinge at the root; None if a force resists turns."""
-        if self.within.pipe.root_stiffness:
+        """Change of x by a whole turn about a hinge at the root; None if a force resists turns.
+
+        It is None in space, too, where coordinates end at half a turn.
+        """
+        if self.within.pipe.root_stiffness or self.axes == 2:
             return None
         turn = self.within.sampled(lambda s: np.full_like(s, 2.0 * math.pi))
         both = self.to_user(np.stack([self.resting, self.resting + turn]))
@@ -282,7 +274,6 @@ class StaticsInSpace(Statics):
 
     def __init__(self, model: Model) -> None:
         super().__init__(model, model)
-        self.planes = range(1)
 
     def matrices(self, x: Array, u: float, plane: int) -> tuple[Array, Array, Array]:
         """(M, C, K) of small motions about an equilibrium, divided by its mass matrix: M = 1."""
@@ -311,23 +302,6 @@ class StaticsInSpace(Statics):
         """Signs of coordinates for the images in the plane z = 0, in x = 0, and in the axis."""
         x, z = np.repeat(np.eye(2), self.size // 2, axis=1)
         return [x - z, z - x, -x - z] if self.motion.is_odd(u) else [x - z]
-
-    def angles(self, xs: Array) -> Array:
-        """Angles about x and z at arc lengths `ALONG`, (k, 2 points); see `rms_along`.
-
-        They are multiplied by sqrt(2), so that their root mean square is that of the whole angle.
-        """
-        both = self.within.deflection(xs.T, ALONG, 1).reshape(2 * ALONG.size, -1)
-        return math.sqrt(2.0) * np.asarray(both).T
-
-    def in_coordinates(self, name: str, p: Array) -> Array:
-        """The configuration p itself, which may lie anywhere."""
-        return p
-
-    @property
-    def whole_turn(self) -> None:
-        """None: coordinates in space end at half a turn."""
-        return None
 
     def unwound(self, x: Array) -> Array:
         """The configuration x by tangents that are turned by half a turn at most."""
@@ -364,6 +338,24 @@ class StaticsInSpace(Statics):
 def leaves_planes(model: Model) -> bool:
     """Whether a model may rest out of the plane z = 0, which its loads or springs set apart."""
     return model.dimensions == 3 and not model.axisymmetric
+
+
+def from_start(model: Model, name: str, start: Any) -> Array:
+    """Coordinates p, (integrated,), of a start at rest that is the argument `name`.
+
+    The start consists of coordinates or is a function theta(s).
+
+    Raises:
+        ValueError: also if it lies in none of the planes in which the model may rest.
+    """
+    given = model.bent(start) if callable(start) else start
+    try:
+        p, _ = np.split(np.asarray(model.initial_state(given, None)), 2)
+    except (ValueError, TypeError) as error:
+        raise type(error)(str(error).replace("q0", name, 1)) from error
+    if not leaves_planes(model):
+        model.into_plane(name, p)
+    return p
 
 
 def statics_of(model: Model, p: Array) -> tuple[Statics, Array]:

@@ -76,7 +76,8 @@ class BranchOfRest:
     def __init__(self, model: Model, within: Model | None = None) -> None:
         self.model = model
         self.within: Model = model.planar if within is None else within
-        self.size, self.planes = self.within.integrated, range(model.dimensions - 1)
+        self.size = self.within.integrated
+        self.planes = range(1 if self.within is model else model.dimensions - 1)
         self.resting = np.array(self.within.resting(), dtype=np.float64)
         self.branch = DenseProblem(self.equations, self.size, 2.0, STEPS_OF_REST)
         self._about: tuple[Array, Operators] | None = None  # operators about the last configuration
