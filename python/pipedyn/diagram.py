@@ -46,10 +46,12 @@ from pipedyn.equilibrium.equilibria import (
     EQUILIBRIA_DOF,
     EquilibriumBranch,
     equilibrium_branch,
+    offshoots,
     searched,
 )
 from pipedyn.equilibrium.hopf import HopfPoint
 from pipedyn.equilibrium.rotating_motion import RotatingBranch, rotating_branch
+from pipedyn.equilibrium.statics import leaves_planes
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, InputUnits, require_steady
@@ -76,6 +78,9 @@ SPARSE = 4
 """Number of speeds for each one at which motions are integrated first: cycles to which these
 motions lead are followed to the other speeds, where motions then end sooner and also begin beside
 the nearest of them. This number was chosen; others were not measured."""
+
+FORKS = "pitchfork", "branch point"
+"""Kinds of points at which branches of equilibria may leave another one, and end."""
 
 NEAR_BRANCH = 0.1
 """Largest relative difference of speeds at which motions begin beside the nearest cycle of a branch
@@ -175,7 +180,9 @@ def bifurcation_diagram(
     In three dimensions, if the pipe is the same in all directions, cycles are planar ones, with the
     stability of motions across their plane, and circular motions are followed from the onsets of
     the straight pipe (`rotating`). Motions that are neither are not followed over the speed; those
-    on which motions end are among `motions`. If a load bends the pipe, cycles that leave its plane
+    on which motions end are among `motions`. Otherwise, as where a load bends the pipe, equilibria
+    that leave the plane z = 0 are followed from the points at which a real eigenvalue of others
+    passes 0, and from those found at the first, the middle and the last speed; cycles that leave it
     are followed as others are.
 
     Args:
@@ -317,16 +324,20 @@ def seeds(speeds: Array) -> list[float]:
 def equilibrium_branches(
     model: Model, speeds: Array, failed: list[Failed], shown: bool
 ) -> tuple[EquilibriumBranch, ...]:
-    """Branches through the equilibria at three of the speeds, each once."""
-    ends = float(speeds[0]), float(speeds[-1])
-    branches: list[EquilibriumBranch] = []
-    for u in track(seeds(speeds), len(seeds(speeds)), "equilibria", shown):
+    """Branches through the equilibria at three of the speeds, each once, and their offshoots."""
+    ends, marks = (float(speeds[0]), float(speeds[-1])), seeds(speeds)
+    branches, starts = list[EquilibriumBranch](), list[tuple[float, Array]]()
+    for u in track(marks, len(marks), "equilibria", shown):
         try:
-            found = searched(model, u, (), counted=False)
+            starts += [(u, q) for q in searched(model, u, (), counted=False).q]
         except PipedynError as error:
             failed.append((u, error))
-            continue
-        for q in found.q:
+    # Offshoots of branches in the plane of a load lead to most equilibria out of it.
+    planar = [
+        model.lies_in_plane(model.initial_state(q, None)[: model.integrated]) for _, q in starts
+    ]
+    for within in (True, False):
+        for u, q in (start for start, lies in zip(starts, planar, strict=True) if lies == within):
             # Branches have points at both ends and at the speed at which they began.
             passing = np.concatenate([q[None] + math.inf, *(b.q[b.speeds == u] for b in branches)])
             if np.abs(passing - q).max(axis=1).min() < 1e-5 * (1.0 + np.abs(q).max()):
@@ -335,7 +346,29 @@ def equilibrium_branches(
                 branches.append(equilibrium_branch(model, q, u, ends))
             except PipedynError as error:
                 failed.append((u, error))
+        if leaves_planes(model):
+            add_offshoots(model, branches, marks, ends, failed)
     return tuple(branches)
+
+
+def add_offshoots(
+    model: Model,
+    branches: list[EquilibriumBranch],
+    marks: list[float],
+    ends: tuple[float, float],
+    failed: list[Failed],
+) -> None:
+    """Adds the branches that leave others, and one another, out of the plane of a load."""
+    for point in (point for branch in branches for point in branch.points):
+        ended = (b.points[k] for b in branches for k in (0, -1) if b.ends[k] in FORKS)
+        same = (abs(one.speed - point.speed) + np.abs(one.q - point.q).max() for one in ended)
+        if point.kind not in FORKS or min(same, default=1.0) < 1e-5 * (1.0 + point.speed):
+            continue
+        try:
+            branches += offshoots(model, point, ends, marks)
+        except (NewtonFailed, PipedynError) as reason:
+            report = f"the equilibria that leave others at u = {point.speed:g} were not followed: "
+            failed.append((point.speed, NotConverged(f"{report}{reason}")))
 
 
 # ------------------------------------------------------------------------------------------ motions

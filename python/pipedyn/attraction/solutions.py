@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.records import Stretch
 from pipedyn.attraction.regions import FLOOR, PHASE_STEP, PHASES, Region, aligned
-from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.equilibrium.rotating_motion import motion_at, rotating_slopes
+from pipedyn.equilibrium.statics import Statics, statics_of
 from pipedyn.linear.neutral import decays
 from pipedyn.models.base import Model
 from pipedyn.motion.sampling import maxima, turning_points
@@ -175,11 +175,11 @@ def symmetries(motion: VectorField) -> dict[str, Any]:
 def equilibria_near(model: Model, places: Iterable[Array], u: float) -> list[Solution]:
     """Equilibria within `LARGEST_DISTANCE` of positions p, (integrated,) each, at a flow speed."""
     found: list[Solution] = []
-    statics = Statics(model)
-    for place in (model.nearest_in_plane(p) for p in places):
+    for statics, place in (statics_of(model, p) for p in places):
         with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
             p = statics.solved(place, u)
-            known = (np.abs(one.region.points[0, : p.size] - p).max() for one in found)
+            whole = statics.whole(p)
+            known = (np.abs(one.region.points[0, : whole.size] - whole).max() for one in found)
             if np.abs(p - place).max() <= LARGEST_DISTANCE and min(known, default=1.0) >= 1e-5:
                 found.append(_equilibrium(statics, p, u))
     return found
@@ -188,7 +188,7 @@ def equilibria_near(model: Model, places: Iterable[Array], u: float) -> list[Sol
 def _equilibrium(statics: Statics, p: Array, u: float) -> Solution:
     """The solution of an equilibrium at p."""
     model, values = statics.model, statics.eigenvalues(p, u)
-    motion, p = VectorField(model), model.from_plane(p)
+    motion, p = VectorField(model), statics.whole(p)
     stable, rest = bool(decays(values).all()), np.append(p, np.zeros_like(p))
     oscillating = np.abs(values[values.imag != 0.0])
     omega = oscillating.min() if oscillating.size else np.abs(values).min()

@@ -174,7 +174,7 @@ class BentPlane(Plane):
     def _of_plane(self, at: Array, plane: int) -> Matrices:
         rests, rest, u = self.rests(at), at[2:], self.speed_at(at)
         if self.dof < self.rest_size:
-            rest = rests.plane.onto_constraints(rest[:, None], np.zeros((rest.size, 1)))[0][:, 0]
+            rest = rests.within.onto_constraints(rest[:, None], np.zeros((rest.size, 1)))[0][:, 0]
         mass, damping, stiffness = rests.matrices(rest, abs(u), plane)
         if u < 0.0:  # beside the edge without flow: C is affine in u, and K in its square
             damping = 2.0 * rests.matrices(rest, 0.0, plane)[1] - damping

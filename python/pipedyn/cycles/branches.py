@@ -33,8 +33,9 @@ from pipedyn.cycles.limit_cycle import (
     limit_cycle,
     on_branch,
 )
-from pipedyn.equilibrium.equilibria import BranchPoint, EquilibriumBranch, Statics
+from pipedyn.equilibrium.equilibria import BranchPoint, EquilibriumBranch
 from pipedyn.equilibrium.hopf import HopfPoint, hopf_point
+from pipedyn.equilibrium.statics import statics_of
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import BALANCED, Model
@@ -590,13 +591,13 @@ class _Follower(Tracer[OrbitProblem]):
 
     def _still(self, meets: Meeting) -> PeriodicOrbit:
         """The equilibrium at which the branch ends, as an orbit without amplitude."""
-        orbit, statics = orbit_at(meets.last, meets.last.length), Statics(self.motion.model)
-        rest = np.zeros(2 * orbit.half)
+        orbit = orbit_at(meets.last, meets.last.length)
+        mean, rest = orbit.states(PROBES)[: orbit.half].mean(axis=1), np.zeros(2 * orbit.half)
+        statics, x = statics_of(self.motion.model, 0.0 * mean if orbit.symmetric else mean)
         if not orbit.symmetric:
-            model = self.motion.model
-            mean = model.nearest_in_plane(orbit.states(PROBES)[: orbit.half].mean(axis=1))
-            rest[: orbit.half] = model.from_plane(statics.solved(mean, orbit.u))
-        values = statics.eigenvalues(rest[: statics.size], orbit.u)
+            x = statics.solved(x, orbit.u)
+            rest[: orbit.half] = statics.whole(x)
+        values = statics.eigenvalues(x, orbit.u)
         at = np.argmin(np.abs(values - 1j * orbit.frequency))
         return PeriodicOrbit(
             orbit.edges,

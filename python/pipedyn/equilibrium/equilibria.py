@@ -7,42 +7,44 @@ Branches are followed past folds, and changes of stability along them are record
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import field, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import product
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn import _core
 from pipedyn.continuation.arclength import BranchStep, Control, DenseProblem, Point
 from pipedyn.continuation.tracer import Tracer, special_points
+from pipedyn.equilibrium.statics import (
+    DISTINCT,
+    SOLVED,
+    Statics,
+    StaticsInSpace,
+    from_start,
+    leaves_planes,
+    rms_along,
+    statics_of,
+)
 from pipedyn.linear.following import GrowthTest
 from pipedyn.linear.neutral import grows
-from pipedyn.linear.rest import BranchOfRest
 from pipedyn.models.base import BALANCED, Configurations, Model
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
-from pipedyn.motion.vector_field import VectorField
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, NotResolved, PipedynError
-from pipedyn.util.newton import NewtonFailed, newton
+from pipedyn.util.newton import NewtonFailed, zero_between
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import RATE, Result, TableResult, numbered_columns
 
 EQUILIBRIA_DOF = 500
 """Most degrees of freedom in which equilibria are searched. A search in a chain takes 0.4 s with
 100 segments, 1 s with 250 and 6 s with 500, as factorisations are dense."""
-
-DISTINCT = 1e-6
-"""Largest difference of a coordinate, relative to 1 plus the largest coordinate, up to which two
-solutions are the same equilibrium. In 11 searches of five models, solutions for one equilibrium
-differed by 7e-16 at most, and different equilibria by 0.1 at least."""
 
 TEN_TURNS = 60.0
 """Largest coordinate, about ten turns in rad, up to which equilibria are searched and followed."""
@@ -54,10 +56,8 @@ For 96 pipes with 2 to 20 degrees of freedom under a weight up to 180, these sta
 equilibria with no coordinate beyond 4 rad that scipy's hybrid method found. Of its equilibria with
 larger coordinates they missed 16, and they led to 88 equilibria that it did not find."""
 
-BUCKLED = (0.5, 1.5, 3.0)
-"""Largest angles, in rad, of starts in the shapes in which a pipe buckles. With these starts and
-one upside down, the search misses 2 of 84 elastica of 15 pinned pipes under a dead load;
-without them it misses 40."""
+IN_SPACE = 3.0
+"""Largest angle, in rad, of starts in space, where tangents turn by less than pi."""
 
 MOST_DOF_WOUND = 30
 """Most degrees of freedom for which all starts are taken. In five chains of 31 to 60 segments under
@@ -80,18 +80,14 @@ NEIGHBOURS, RADIUS = 40, 2.0
 In 27 chains of four segments these starts led to all of up to 55 equilibria; 80,000 starts spread
 evenly led to all but four."""
 
-LEAST_SHARE, SOLVED, MOST_SEARCH_STEPS = 0.01, 1e-8, 40
-"""Limits of Newton's method from each start: the share of a full step below which it gives up; the
-length of a step after which the error, of the order of its square, is small enough; and the largest
-number of steps."""
+LEAST_SHARE, MOST_SEARCH_STEPS = 0.01, 40
+"""Limits of Newton's method from each start: the share of a full step below which it gives up, and
+the largest number of steps."""
 
 NEAR = 0.5
 """Root mean square of the angle, in rad, within which a start or a larger basis is taken to lead to
 the same equilibrium. It is far more than the rounding of a given configuration, and less than the
 distance between two equilibria."""
-
-ALONG = np.linspace(0.0, 1.0, 201)
-"""Arc lengths s, in lengths of the pipe, at which shapes are compared."""
 
 BATCH_ENTRIES = 1_000_000
 """Most entries of the Jacobians by x of one batch of starts. Jacobians by the whole state, which
@@ -158,6 +154,7 @@ class Equilibria(Configurations, TableResult, units={"growth": RATE}):
         return {
             "tip_x": self.tips[:, 0],
             "tip_y": self.tips[:, 1],
+            **({"tip_z": self.tips[:, 2]} if self.tips.shape[1] == 3 else {}),
             "curvature": self.curvature,
             "growth_rate": self.growth,
             "stable": self.stable,
@@ -192,12 +189,14 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     within half a radian of it (root mean square along the pipe). Shapes that every basis has, such
     as the straight one, are kept whatever their stability.
 
-    In three dimensions equilibria are those in the plane z = 0, and their stability is that of
-    small motions in this plane and across it. If no load acts across the pipe, all planes through
-    the axis are alike: each bent equilibrium stands for all that a turn about the axis makes of
-    it, and the eigenvalue 0 of that turn does not count. Equilibria that leave the plane of a load
-    are not looked for. Those in which a joint of a chain, or a tangent of a reduced model, turns by
-    more than pi are left out, and `search` says so.
+    In three dimensions equilibria in the plane z = 0 are searched like that, and their stability is
+    that of small motions in this plane and across it. If no load acts across the pipe and nothing
+    else tells directions apart, all planes through the axis are alike: each bent equilibrium stands
+    for all that a turn about the axis makes of it, and the eigenvalue 0 of that turn does not
+    count. Otherwise equilibria that leave the plane are looked for as well, from starts bent in
+    both planes and in the shapes in which those in the plane buckle; they are not counted, so that
+    `complete` is False. Planar equilibria in which a joint of a chain, or a tangent of a reduced
+    model, turns by more than pi are left out, and `search` says so.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -233,49 +232,36 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     u = steady_speed("u", u)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
         raise TypeError(f"starts must be a sequence of starts, got {check.shown(starts)}")
-    own = [statics.from_start(f"starts[{i}]", start) for i, start in enumerate(starts)]
+    own = [from_start(model, f"starts[{i}]", start) for i, start in enumerate(starts)]
     with one_thread(model.dof):
         solutions = _Solutions(statics, u)
-        solutions.run(own, counted)
-        found = solutions.found
-        if not found:
+        solutions.run([model.nearest_in_plane(p) for p in own], counted)
+        if not solutions.found:
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
-
-        def place(x: Array) -> tuple[float, float]:
-            tip = model.tips(statics.to_user(x[None]).T)[0, 0]
-            return round(statics.rms(x - statics.resting), 6), -float(tip)
-
-        found.sort(key=place)  # mirror images are neighbours, that with its tip to the right first
-        xs = np.array(found)
+        xs = np.array(solutions.in_order())
         every = xs[~statics.turned_alike(xs)]
         reasons = [model.beyond_reach(x) for x in every]
         xs, left_out = every[[not why for why in reasons]], list(filter(None, reasons))
-        if not len(xs):
+        complete, search = solutions.complete, solutions.search
+        parts = [_columns_at(statics, u, xs)] if len(xs) else []
+        if leaves_planes(model):
+            beside = _Solutions(StaticsInSpace(model), u)
+            beside.run_in_space(own, statics.whole(xs.T).T)
+            complete, search = False, f"{search}; {beside.search}"
+            if beside.found:
+                parts.append(_columns_at(beside.statics, u, np.array(beside.in_order())))
+        if not parts:
             why = f"in that of a plane {left_out[0]}"
             raise NotConverged(f"no equilibrium was found at u = {u:g}: {why}")
-        values = [statics.eigenvalues(x, u) for x in xs]
-        residuals = np.array([statics.unbalanced(x, u) for x in xs])
-        stable = np.array([is_stable(one) for one in values])
-        resolved = _in_larger_bases(statics, u, xs, stable)
-    highest = min((term.largest_angle for term in model.pipe.terms), default=math.inf)
-    valid = np.array([statics.plane.largest_angle(x) <= highest for x in xs])
-    q = statics.to_user(xs)
-    columns = {
-        "q": q,
-        "stable": stable,
-        "growth": np.array([float(one.real.max()) for one in values]),
-        "tips": model.tips(q.T),
-        "residuals": residuals,
-        "resolved": resolved,
-        "valid": valid,
-    }
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    order = np.argsort(columns.pop("distance"), kind="stable")
+    columns = {name: column[order] for name, column in columns.items()}
 
     def rows(which: NDArray[np.bool_]) -> dict[str, Any]:
         return {name: column[which] for name, column in columns.items()}
 
-    kept, complete, search = resolved & valid, solutions.complete, solutions.search
-    if statics.model.dimensions == 3 and not statics.model.axisymmetric:
-        complete, search = False, f"{search}; none that leaves the plane z = 0 was looked for"
+    resolved, valid = columns["resolved"], columns["valid"]
+    kept = resolved & valid
     if left_out:
         why = f"{len(left_out)} of a plane left out, for instance as {left_out[0]}"
         complete, search = False, f"{search}; {why}"
@@ -284,7 +270,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
         answer = replace(answer, discarded=replace(answer, **rows(~kept)))
     if not kept.any():
         raise NotConverged(
-            f"none of the {check.how_many(len(xs), 'solution')} found at u = {u:g} is an "
+            f"none of the {check.how_many(len(kept), 'solution')} found at u = {u:g} is an "
             f"equilibrium of the pipe: {np.count_nonzero(~resolved)} are not resolved by "
             f"{model.dof} degrees of freedom, {np.count_nonzero(~valid)} lie where a term is not "
             "valid",
@@ -293,182 +279,30 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     return answer
 
 
-# --------------------------------------------------------------------------------- forces at rest
+# ------------------------------------------------------------------------------- one flow speed
 
 
-class Statics(BranchOfRest):
-    """The search for equilibria of a model, by the accelerations of a pipe at rest.
-
-    In three dimensions configurations are those of the planar model, and their stability that of
-    all small motions, in the plane and across it.
-    """
-
-    def __init__(self, model: Model) -> None:
-        super().__init__(model)
-        self.motion = VectorField(self.plane)
-        # Forces are affine in the square of the speed: balanced at two speeds, they are at all.
-        still = max(self.plane.unbalanced(0.0), self.plane.unbalanced(1.0))
-        self.always_rests = still <= BALANCED
-
-    def eigenvalues(self, x: Array, u: float) -> Complex:
-        """Eigenvalues of small motions about an equilibrium, those across its plane included.
-
-        If a turn about the axis changes nothing, the eigenvalue 0 of that turn is left out.
-        """
-        found = super().eigenvalues(x, u)
-        turns = self.model.axisymmetric and not self.straight(x)
-        return np.delete(found, np.abs(found).argmin()) if turns else found
-
-    def turned_alike(self, xs: Array) -> NDArray[np.bool_]:
-        """Which rows of xs are turned about the axis from the row before, shape (k,)."""
-        images = np.zeros(len(xs), dtype=bool)
-        if self.model.axisymmetric:
-            images[1:] = np.abs(xs[1:] + xs[:-1]).max(axis=1) <= DISTINCT
-        return images
-
-    def steps(self, xs: Array, residuals: Array, u: float) -> Array:
-        """Newton's steps from the rows of xs, (k, integrated); not finite where no step exists."""
-        derivative = self.jacobian(xs, u)
-        try:
-            found = np.linalg.solve(derivative, -residuals[:, :, None])
-        except np.linalg.LinAlgError:  # the shortest step of those that a free turn leaves
-            found = np.linalg.pinv(derivative, 1e-13) @ -residuals[:, :, None]
-        return np.asarray(found[:, :, 0])
-
-    def at_rest(self, rest: Array, x: Array, p: float) -> tuple[Array, Array]:
-        """Equations x = rest of a straight pipe, regular also where other branches leave it."""
-        return x - rest, np.eye(self.size, self.size + 1)
-
-    def solved(self, x: Array, u: float) -> Array:
-        """The equilibrium near a configuration; raises `NewtonFailed` if none is found."""
-        # Steps are limited to 0.05 of 1 rad plus the size of x, so that they lead to an equilibrium
-        # near the start: at 0.1 a bent pipe in a guide became straight. 100 of them can reach
-        # hundreds of rad.
-        control = Control(longest=math.inf, longest_change=0.05, iterations=100)
-        problem = DenseProblem(self.equations, self.size, 1.0, control)
-        found = problem.fixed(np.append(x, u), u)[:-1]
-        if self.unbalanced(found, u) > BALANCED:
-            raise NewtonFailed("forces are left")
-        return found
-
-    def balanced(self, x: Array, u: float, **rules: Any) -> Array:
-        """The equilibrium to which Newton's method leads from x; `rules` are those of `newton`.
-
-        Here Newton's method balances forces, whose derivative is the stiffness. Accelerations,
-        which `_balanced` brings to 0 for many starts at once, are less linear, as the inverse of
-        the mass changes with the configuration. Steps are measured by their angles.
-
-        Raises:
-            NewtonFailed: if Newton's method leads to no equilibrium.
-        """
-        if self.unbalanced(x, u) <= BALANCED:
-            return x
-        slopes = self.angles(np.eye(self.size)).T
-
-        def correction(x: Array) -> tuple[Array, float]:
-            force, free, of = self.forces(x, u)
-            _, _, stiffness = of.at(u)
-            step = free @ np.linalg.solve(stiffness, force)
-            return step, rms_along(slopes @ step)
-
-        def moved(x: Array, step: Array, share: float) -> Array:
-            there = self.plane.onto_constraints(x + share * step, np.zeros_like(x))[0]
-            if not np.isfinite(there).all():
-                raise NewtonFailed("constraints cannot be met")
-            return there
-
-        found = newton(x, correction, moved, tolerance=SOLVED, stagnation=100.0 * SOLVED, **rules)
-        if self.unbalanced(found, u) > BALANCED:
-            raise NewtonFailed("forces are left")
-        return found
-
-    def buckled(self, u: float) -> Iterator[Array]:
-        """Starts in the shapes in which the pipe buckles, if the rest is statically unstable.
-
-        If the root is a hinge, the pipe at rest turned upside down is another start.
-        """
-        if self.whole_turn is not None:
-            yield self.resting + 0.5 * self.whole_turn
-        _, free, of = self.forces(self.resting, u)
-        mass, _, stiffness = of.at(u)
-        values, vectors = np.linalg.eig(np.linalg.solve(mass, stiffness))
-        static = (values.real < 0.0) & (np.abs(values.imag) <= 1e-9 * np.abs(values).max())
-        for shape in (free @ vectors[:, static].real).T:
-            most = float(np.abs(self.angles(shape[None])).max())
-            for size in BUCKLED:
-                bent = self.resting + size / most * shape
-                yield self.plane.onto_constraints(bent, np.zeros_like(bent))[0]
-
-    def angle(self, x: Array) -> Callable[[Array], Array]:
-        """The angle theta(s) of a configuration."""
-        return lambda s: np.asarray(self.plane.deflection(x, s, 1))
-
-    def angles(self, xs: Array) -> Array:
-        """Angles of the pipe at arc lengths `ALONG`, (k, points), for rows xs, (k, integrated)."""
-        return np.asarray(self.plane.deflection(xs.T, ALONG, 1)).T
-
-    def from_start(self, name: str, start: Any) -> Array:
-        """Integrated coordinates x, (integrated,), of a start that is the argument `name`.
-
-        The start consists of coordinates or is a function theta(s).
-        """
-        given = self.model.bent(start) if callable(start) else start
-        try:
-            state = self.model.initial_state(given, None)
-            return self.model.into_plane(name, np.split(state, 2)[0])
-        except (ValueError, TypeError) as error:
-            raise type(error)(str(error).replace("q0", name, 1)) from error
-
-    @cached_property
-    def whole_turn(self) -> Array | None:
-        """Change of x by a whole turn about a hinge at the root; None if a force resists turns."""
-        if self.plane.pipe.root_stiffness:
-            return None
-        turn = self.plane.sampled(lambda s: np.full_like(s, 2.0 * math.pi))
-        both = self.to_user(np.stack([self.resting, self.resting + turn]))
-        energies = self.model.energy(np.concatenate([both, np.zeros_like(both)], axis=1).T)
-        return turn if np.ptp(energies) <= 1e-9 * (1.0 + abs(self.plane.pipe.gamma)) else None
-
-    @cached_property
-    def turns_freely(self) -> bool:
-        """Whether no force opposes a turn about a hinge, so that all angles are alike."""
-        turn = self.whole_turn
-        aside = None if turn is None else self.resting + 0.1 * turn
-        return aside is not None and max(self.unbalanced(aside, u) for u in (0.0, 1.0)) <= BALANCED
-
-    def unwound(self, x: Array) -> Array:
-        """The configuration x without whole turns about a hinge at the root, or without any."""
-        turn = self.whole_turn
-        if turn is None:
-            return x
-        if self.turns_freely:
-            return x - turn * float(x @ turn) / float(turn @ turn)
-        # A mean angle of pi or -pi becomes -pi, as rounding may not tell them apart.
-        return x - turn * math.floor(float(x @ turn) / float(turn @ turn) + 0.5 + 1e-9)
-
-    def straightened(self, x: Array) -> Array:
-        """The configuration nearest to x among the rest and, on a hinge, its half turns.
-
-        If the pipe at rest is straight, each of them is its own mirror image.
-        """
-        if self.whole_turn is None:
-            return self.resting
-        half = 0.5 * self.whole_turn
-        return self.resting + half * round(float((x - self.resting) @ half) / float(half @ half))
-
-    def straight(self, x: Array) -> bool:
-        """Whether a configuration is that of a straight pipe, which is its own mirror image."""
-        return not self.resting.any() and self.rms(x - self.straightened(x)) < 1e-9
+def _columns_at(statics: Statics, u: float, xs: Array) -> dict[str, Array]:
+    """Columns of `Equilibria` for solutions xs, (k, integrated), with the distance from rest."""
+    values, q = [statics.eigenvalues(x, u) for x in xs], statics.to_user(xs)
+    stable = np.array([is_stable(one) for one in values])
+    terms = statics.model.pipe.terms
+    highest = min((term.largest_angle for term in terms), default=math.inf)
+    return {
+        "q": q,
+        "stable": stable,
+        "growth": np.array([float(one.real.max()) for one in values]),
+        "tips": statics.model.tips(q.T),
+        "residuals": np.array([statics.unbalanced(x, u) for x in xs]),
+        "resolved": _in_larger_bases(statics, u, xs, stable),
+        "valid": np.array([statics.within.largest_angle(x) <= highest for x in xs]),
+        "distance": np.linalg.norm(xs - statics.resting, axis=1).round(6),
+    }
 
 
 def is_stable(eigenvalues: Complex) -> bool:
     """Whether no eigenvalue has a positive real part beyond its rounding."""
     return not grows(eigenvalues).any()
-
-
-def rms_along(angles: Array) -> Any:
-    """Root mean square along the pipe of angles at the arc lengths `ALONG`, (..., points)."""
-    return np.sqrt(np.mean(angles**2, axis=-1))
 
 
 def _in_larger_bases(
@@ -485,17 +319,19 @@ def _in_larger_bases(
     largest = larger and larger.refined()
     if larger is None or largest is None:
         return np.ones(len(xs), dtype=bool)
-    bases = Statics(larger), Statics(largest)
-    angles, odd = statics.angles(xs), statics.motion.is_odd(u)
+    kind: type[Any] = type(statics)
+    bases = kind(larger), kind(largest)
+    angles, mirrors = statics.angles(xs), statics.mirrors(u)
     kept = np.zeros(len(xs), dtype=bool)
     for i, x in enumerate(xs):
-        if odd and i > 0 and np.abs(x + xs[i - 1]).max() <= DISTINCT:  # the mirror image
-            kept[i] = kept[i - 1]
+        same = [j for j in range(i) for one in mirrors if np.abs(one * x - xs[j]).max() <= DISTINCT]
+        if same:  # the mirror image
+            kept[i] = kept[same[0]]
             continue
         with suppress(NewtonFailed, PipedynError, ValueError):
             here, y = statics, x
             for basis in bases:
-                start = basis.from_start("q0", here.angle(y))
+                start = basis.resembling(here, y)
                 here, y = basis, basis.balanced(start, u, patience=1)
             apart = rms_along(angles - here.angles(y[None]))
             if apart[i] <= min(NEAR, apart.min()):
@@ -515,6 +351,7 @@ class _Solutions:
     def __init__(self, statics: Statics, u: float) -> None:
         self.statics, self.u = statics, u
         self.found: list[Array] = []
+        self.mirrors = statics.mirrors(u)
         self.complete, self.search = False, ""
 
     def run(self, own: list[Array], counted: bool) -> None:
@@ -524,10 +361,10 @@ class _Solutions:
         """
         statics, u = self.statics, self.u
         self.add([statics.resting])
-        for start in statics.buckled(u):
+        for start in statics.buckled(statics.resting, u):
             with suppress(NewtonFailed):
                 self.add([statics.balanced(start, u, longest=0.3, iterations=40)])
-        model = statics.plane
+        model = statics.within
         held = model.integrated != model.dof
         if counted and model.dof <= COUNTED_DOF and not held:
             self.add(_balanced(statics, u, own, 0.5))
@@ -550,12 +387,36 @@ class _Solutions:
             f"modes; solutions {why} are not counted"
         )
 
+    def run_in_space(self, own: list[Array], rests: Array) -> None:
+        """Looks for solutions out of the plane z = 0, given those in it as rows of `rests`."""
+        statics, modes, odd = self.statics, 2, len(self.mirrors) > 1
+        buckled = [start for rest in rests for start in statics.buckled(rest, self.u)]
+        sizes = [size for size in BEND_ANGLES if size <= IN_SPACE]
+        starts = [*own, *buckled, *_bends(statics, modes, sizes, odd)]
+        self.add(_balanced(statics, self.u, starts, 0.5))
+        self.found = [x for x in self.found if not statics.model.lies_in_plane(x)]
+        self.search = (
+            f"in space {len(starts)} starts bent by up to {sizes[-1]:g} rad in mixtures of {modes} "
+            "modes of each plane and in shapes that buckle; solutions in space are not counted"
+        )
+
+    def in_order(self) -> list[Array]:
+        """Solutions by their distance from rest, of mirror images those to the right first."""
+        statics = self.statics
+
+        def place(x: Array) -> list[float]:
+            tip = statics.model.tips(statics.to_user(x[None]).T)[0]
+            return [round(statics.rms(x - statics.resting), 6), *(-tip[::2]).round(9).tolist()]
+
+        return sorted(self.found, key=place)
+
     def add(self, xs: Sequence[Array] | Array) -> int:
         """Keeps the rows of xs that are new solutions, and returns their number."""
         before = len(self.found)
         for x in xs:
             size = float(np.abs(x).max())
-            for image in map(self.statics.unwound, (x, -x) if size <= TEN_TURNS else ()):
+            images = [x, *(signs * x for signs in self.mirrors)] if size <= TEN_TURNS else []
+            for image in map(self.statics.unwound, images):
                 far = DISTINCT * (1.0 + size)
                 others = np.reshape(self.found, (-1, x.size))
                 new = np.abs(image - others).max(axis=1).min(initial=math.inf) >= far
@@ -566,7 +427,7 @@ class _Solutions:
 
     def count(self) -> None:
         """Looks for all solutions of a model with few degrees of freedom, and counts them."""
-        statics, model = self.statics, self.statics.plane
+        statics, model = self.statics, self.statics.within
         basis = _modal_basis(model, model.dof)
         first = max(FIRST_STARTS**model.dof, 256)
         # Multiples of these, modulo 1, fill a cube evenly (Richtmyer's sequence).
@@ -631,14 +492,14 @@ def _reach(statics: Statics, u: float) -> Array:
     Each is taken to be at most a fifth larger than in configurations drawn at random. Rows are
     limited to `TEN_TURNS`, for instance where no spring resists.
     """
-    model, size = statics.plane, statics.size
+    model, size = statics.within, statics.size
     plain = model.with_pipe(replace(model.pipe, gamma=0.0, terms=(), jet_angle=0.0))
     elastic = plain.operators().stiffness
     places = np.random.default_rng(0).uniform(-TEN_TURNS, TEN_TURNS, (DRAWN, size))
     forces = np.zeros((0, size))
     for place in places:
         with suppress(ValueError, PipedynError):  # for instance where a reduced model coils
-            left, _, _ = statics.forces(place, u)
+            left = statics.forces(place, u)
             forces = np.append(forces, (left + elastic @ place)[None], axis=0)
     most = 1.2 * np.abs(forces).max(axis=0, initial=0.0)
     rows = most[:, None] * np.linalg.pinv(elastic)
@@ -648,9 +509,10 @@ def _reach(statics: Statics, u: float) -> Array:
 def _modal_basis(model: Model, modes: int) -> Array:
     """Changes of x that bend the pipe by 1 rad in each of its first modes, (modes, integrated).
 
-    They need not meet supports.
+    They need not meet supports. In three dimensions there are as many in the plane of z.
     """
-    return np.array([model.sampled(modal_bend(one)) for one in np.eye(modes)])
+    rows = [model.planar.sampled(modal_bend(one)) for one in np.eye(modes)]
+    return np.asarray(np.kron(np.eye(model.dimensions - 1), rows))
 
 
 def _shares(basis: Array, power: float | Array) -> Array:
@@ -662,14 +524,17 @@ def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> A
     """Starts that are bent in all mixtures of the first modes, with the largest angles `sizes`.
 
     If motions are odd, one of a bend and its mirror image is enough, as the mirror image leads to
-    the mirror image of the solution.
+    the mirror image of the solution. In space all leave the plane z = 0, to one side.
     """
-    every = np.array([*product((-1, 0, 1), repeat=modes)])
-    half = len(every) // 2  # mixtures before that of no bend are mirror images of those after it
-    mixtures = np.delete(every, np.s_[: half + 1] if odd else half, axis=0)
-    parts = np.multiply.outer(sizes, mixtures).reshape(-1, modes)
-    bent = (parts @ _modal_basis(statics.plane, modes)).T
-    starts = statics.plane.onto_constraints(bent, np.zeros_like(bent))[0].T
+    axes = statics.axes
+    every = np.array([*product((-1, 0, 1), repeat=axes * modes)])
+    # Mirrored mixtures have the opposite sign, which is that of their first mode that is not 0.
+    signs = np.sign(every.reshape(-1, axes, modes) @ 3.0 ** -np.arange(modes))
+    kept = signs[:, -1] > 0.0 if odd or axes == 2 else signs[:, -1] != 0.0
+    kept &= (signs[:, 0] >= 0.0) | (not odd)
+    parts = np.multiply.outer(sizes, every[kept]).reshape(-1, axes * modes)
+    bent = (parts @ _modal_basis(statics.within, modes)).T
+    starts = statics.within.onto_constraints(bent, np.zeros_like(bent))[0].T
     return starts[np.isfinite(starts).all(axis=1)]  # some bends are far from all supports
 
 
@@ -677,31 +542,35 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
     """Solutions to which Newton's method leads from many starts, in batches, (k, integrated).
 
     Most solutions are listed once. A step is at most `longest` relative to 1 rad plus the size of
-    x, and is quartered until it lowers the residual; a start whose step becomes too short is given
-    up.
+    x, and is quartered until the next step, by the same derivatives, would be shorter; a start
+    whose step becomes too short is given up. In space, near half a turn, residuals rise on the way
+    to some solutions.
+
+    Source: Deuflhard (2004), Newton methods for nonlinear problems, sec. 3.3 (natural level).
     """
     found = np.zeros((0, statics.size))
     if not starts:
         return found
     for x in np.array_split(starts, math.ceil(len(starts) * statics.size**2 / BATCH_ENTRIES)):
-        step, share = np.zeros_like(x), np.ones(len(x))
-        size, least = np.full((2, len(x)), math.inf)
+        step, share, size = np.zeros_like(x), np.ones(len(x)), np.full(len(x), math.inf)
+        slopes = np.broadcast_to(np.eye(statics.size), (*x.shape, statics.size)).copy()
         for _ in range(MOST_SEARCH_STEPS):
             moved = x + share[:, None] * step
             residual = statics.accelerations(moved, u)
-            left = np.linalg.norm(residual, axis=1)
-            lower = left <= (1.0 - 0.1 * share) * least
+            onward = np.linalg.norm(statics.steps(slopes, residual), axis=1)
+            lower = onward <= (1.0 - 0.25 * share) * size
             share[~lower] *= 0.25
-            x[lower], least[lower] = moved[lower], left[lower]
+            x[lower] = moved[lower]
             if lower.any():
-                step[lower] = statics.steps(x[lower], residual[lower], u)
+                slopes[lower] = statics.jacobian(x[lower], u)
+                step[lower] = statics.steps(slopes[lower], residual[lower])
                 size = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
                 most = longest * (math.sqrt(statics.size) + np.linalg.norm(x, axis=1))
                 share[lower] = np.minimum(1.0, most / size)[lower]
             solved = lower & (size <= SOLVED)
             found = np.concatenate([found, (x + step)[solved]])
             going = ~solved & (share > LEAST_SHARE) & (np.abs(x).max(axis=1) <= TEN_TURNS)
-            x, step, share, size, least = (a[going] for a in (x, step, share, size, least))
+            x, step, slopes, share, size = (a[going] for a in (x, step, slopes, share, size))
             if not len(x):
                 break
     _, first = np.unique(found.round(7), axis=0, return_index=True)
@@ -716,6 +585,9 @@ Change = Literal["fold", "pitchfork", "branch point", "hopf"]
 SAME_FORK = 1e-6
 """Largest relative distance in speed from a pitchfork of a change that is that of the pitchfork."""
 
+BRANCH_STEP = 0.05
+"""Longest step along a branch, as for `equilibrium_branch`, where none is given."""
+
 MOST_POINTS = 4000
 """Most points of one branch: at the default step they reach 200 rad, three times `TEN_TURNS`."""
 
@@ -726,8 +598,8 @@ class BranchPoint(Result):
 
     Attributes:
         kind: "fold", "pitchfork" (branches leave the straight pipe as mirror images, which is how
-            it diverges), "branch point" (another real eigenvalue passes 0) or "hopf" (flutter: a
-            pair passes the axis).
+            it diverges), "branch point" (another real eigenvalue passes 0, as where branches leave
+            the plane of a load) or "hopf" (flutter: a pair passes the axis).
         speed: flow speed u.
         frequency: angular frequency of the pair, in 1 / T; 0 unless "hopf".
         q: the configuration, shape (coordinates,).
@@ -756,8 +628,9 @@ class EquilibriumBranch(Configurations, TableResult):
         tips: position (x, y) of the free end in L, shape (S, 2), or (x, y, z), shape (S, 3).
         points: points at which the branch turns back or its stability changes, in order.
         ends: why the branch ends, at its first and its last point: "range" (of speeds), "pitchfork"
-            (it joins its mirror image on the straight pipe), "closed", "far" (a coordinate beyond
-            60 rad), "points" (it has too many) or "not converged" (no next point was found).
+            (it joins its mirror image on the straight pipe), "branch point" (it joins its mirror
+            image on bent rests, as in the plane of a load), "closed", "far" (a coordinate beyond 60
+            rad), "points" (it has too many) or "not converged" (no next point was found).
         model: the model.
     """
 
@@ -788,6 +661,7 @@ class EquilibriumBranch(Configurations, TableResult):
             "speed": self.speeds,
             "tip_x": self.tips[:, 0],
             "tip_y": self.tips[:, 1],
+            **({"tip_z": self.tips[:, 2]} if self.tips.shape[1] == 3 else {}),
             "curvature": self.curvature,
             "stable": self.stable,
             "unstable": self.unstable,
@@ -800,7 +674,7 @@ def equilibrium_branch(
     q0: Start,
     u0: float,
     speeds: tuple[float, float],
-    step: float = 0.05,
+    step: float = BRANCH_STEP,
 ) -> EquilibriumBranch:
     """The branch of equilibria through a given equilibrium, followed past folds in the speed.
 
@@ -809,7 +683,8 @@ def equilibrium_branch(
             eigenvalues of a dense matrix, O(dof^3).
         q0: configuration near the equilibrium, as coordinates or an angle theta(s), as for
             `simulate`. Newton's method starts there, and leads at most half a radian away, as the
-            root mean square along the pipe.
+            root mean square along the pipe. In three dimensions it may lie out of the plane z = 0
+            if the pipe is not the same in all directions.
         u0: flow speed of the equilibrium, within `speeds`.
         speeds: (lowest, highest) flow speed of the branch.
         step: longest step along the branch, in [1e-4, 1]: in rad, as the root mean square over
@@ -832,7 +707,6 @@ def equilibrium_branch(
     Source: Keller (1977) for the continuation.
     """
     model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="equilibria")
-    statics = Statics(model)
     require_steady("speeds", speeds)
     low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))
     if not high - low >= 1e-9 * (1.0 + high):
@@ -840,7 +714,7 @@ def equilibrium_branch(
     require_steady("u0", u0)
     u0 = check.real("u0", u0, low=low, high=high)
     step = check.real("step", step, low=1e-4, high=1.0)
-    start = statics.from_start("q0", q0)
+    statics, start = statics_of(model, from_start(model, "q0", q0))
     with one_thread(model.dof):
         try:
             x = statics.solved(start, u0)
@@ -852,21 +726,86 @@ def equilibrium_branch(
                 f"no equilibrium was found near q0 at u = {u0:g}: Newton's method leads to one "
                 f"that lies {away:.3g} rad away, more than {NEAR:g}"
             )
-        equations = statics.equations
-        rest = statics.straightened(x)
-        if statics.always_rests and statics.rms(x - rest) < 1e-9:
-            x, equations = rest, partial(statics.at_rest, rest)
-        branch = DenseProblem(equations, statics.size, 0.1 * (high - low), Control(longest=step))
-        try:
-            down = branch.point(np.append(x, u0), np.append(np.zeros_like(x), -1.0))
-        except NewtonFailed as error:
-            raise NotConverged(f"the equilibrium at u = {u0:g} is a branch point") from error
-        up = Point(down.z, -down.tangent)
-        back, ahead = (
-            _EquilibriumTracer(statics, point, step, (low, high)) for point in (down, up)
-        )
-        end = back.followed(branch)
-        ends = end, "closed" if end == "closed" else ahead.followed(branch)
+        return _branch_through(statics, x, u0, (low, high), step)
+
+
+def offshoots(
+    model: Model, point: BranchPoint, speeds: tuple[float, float], marks: Sequence[float]
+) -> list[EquilibriumBranch]:
+    """The branch out of a plane, and its mirror images, that leave another one at a point.
+
+    There a real eigenvalue passes 0, whose small motion breaks a mirror symmetry; of other points,
+    and where the branch stays in the plane z = 0, the result is empty.
+
+    Args:
+        model: model in three dimensions.
+        point: the point, of a branch of the model.
+        speeds: (lowest, highest) flow speed of the branch.
+        marks: flow speeds at which the branch is to have points.
+
+    Raises:
+        NewtonFailed: if no equilibrium is found beside the point.
+    """
+    statics, u = StaticsInSpace(model), point.speed
+    x = from_start(model, "point", point.q)
+    with one_thread(model.dof):
+        free, mirrors = model.free_directions(x), statics.mirrors(u)
+        away = free @ np.linalg.svd(statics.matrices(x, u, 0)[2])[2][-1]
+        away *= np.sign(away[np.abs(away).argmax()])
+        broken = [
+            max(np.abs(one * x - x).max(), np.abs(one * away + away).max()) <= DISTINCT
+            for one in mirrors
+        ]
+        if not any(broken) or (model.lies_in_plane(x) and model.lies_in_plane(away)):
+            return []
+        problem = _problem(statics, speeds, BRANCH_STEP)
+        start = problem.starting(np.append(x, u), np.append(away, 0.0))
+        beside = problem.at(start, 0.2 * BRANCH_STEP)
+        if not speeds[0] <= beside.p <= speeds[1]:
+            return []
+        found = [_branch_through(statics, beside.x, beside.p, speeds, BRANCH_STEP, marks)]
+    for signs in mirrors:
+        q = signs * found[0].q
+        if all(np.abs(q - other.q).max() > DISTINCT for other in found):
+            points = tuple(
+                replace(one, q=signs * one.q, tip=model.tip(signs * one.q))
+                for one in found[0].points
+            )
+            found.append(replace(found[0], q=q, tips=model.tips(q.T), points=points))
+    return found
+
+
+def _problem(statics: Statics, speeds: tuple[float, float], step: float) -> DenseProblem:
+    """The equations of rest, with a tenth of the range of speeds as long as a change of 1 rad."""
+    scale = 0.1 * (speeds[1] - speeds[0])
+    return DenseProblem(statics.equations, statics.size, scale, Control(longest=step))
+
+
+def _branch_through(
+    statics: Statics,
+    x: Array,
+    u0: float,
+    speeds: tuple[float, float],
+    step: float,
+    marks: Sequence[float] = (),
+) -> EquilibriumBranch:
+    """The branch through an equilibrium x at a speed, as for `equilibrium_branch`.
+
+    It has a point at each of the speeds `marks`.
+    """
+    branch, rest = _problem(statics, speeds, step), statics.straightened(x)
+    if statics.always_rests and statics.rms(x - rest) < 1e-9:
+        x, branch.equations = rest, partial(statics.at_rest, rest)
+    try:
+        down = branch.point(np.append(x, u0), np.append(np.zeros_like(x), -1.0))
+    except NewtonFailed as error:
+        raise NotConverged(f"the equilibrium at u = {u0:g} is a branch point") from error
+    back, ahead = (
+        _EquilibriumTracer(statics, point, step, speeds, marks)
+        for point in (down, Point(down.z, -down.tangent))
+    )
+    end = back.followed(branch)
+    ends = end, "closed" if end == "closed" else ahead.followed(branch)
     points, growth = back.points[:0:-1] + ahead.points, back.growth[:0:-1] + ahead.growth
     q = statics.to_user(np.array([point.x for point in points]))
     unstable = np.array([np.count_nonzero(one > 0.0) for one in growth])
@@ -875,24 +814,30 @@ def equilibrium_branch(
         q=q,
         stable=unstable == 0,
         unstable=unstable,
-        tips=model.tips(q.T),
+        tips=statics.model.tips(q.T),
         points=tuple(back.changes[::-1] + ahead.changes),
         ends=ends,
-        model=model,
+        model=statics.model,
     )
 
 
 class _EquilibriumTracer(Tracer[DenseProblem]):
     """Tracer of a branch of equilibria, one way from one of its points.
 
-    The branch gets a point wherever it passes the speed at which it began.
+    The branch gets a point wherever it passes the speed at which it began or one of the marks.
     """
 
     def __init__(
-        self, statics: Statics, start: Point, longest: float, speeds: tuple[float, float]
+        self,
+        statics: Statics,
+        start: Point,
+        longest: float,
+        speeds: tuple[float, float],
+        marks: Sequence[float],
     ) -> None:
         super().__init__([(-1, *speeds)], MOST_POINTS // 2, (NewtonFailed, NotResolved))
         self.statics, self.longest = statics, longest
+        self.marks = [(-1, mark) for mark in (start.p, *marks)]
         self.points, self.growth = [start], [self._growth(start)]
         self.changes: list[BranchPoint] = []
         self.test: GrowthTest | None = None  # of the last step
@@ -900,7 +845,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
     def followed(self, branch: DenseProblem) -> str:
         """Follows the branch, and returns why it ends."""
         start = self.points[0]
-        steps = branch.steps(start, 0.2 * self.longest, [(-1, start.p)])
+        steps = branch.steps(start, 0.2 * self.longest, self.marks)
         return self.one_way(steps, branch, start)[1]
 
     def note(self, step: BranchStep[DenseProblem]) -> str | None:
@@ -910,18 +855,8 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         by rounding the number of unstable eigenvalues changes next to the fold: both are one
         change, listed once.
         """
-        statics, a, b, ds = self.statics, step.begin, step.end, step.length
-        rest, meeting, until = statics.straightened(a.x), None, ds
-        sizes = statics.rms(a.x - rest), statics.rms(b.x - rest)
-        # At a pitchfork the next point lies on the branch's mirror image, or Newton's method leads
-        # to the straight pipe.
-        landed = statics.straight(b.x)
-        across = landed or float((a.x - rest) @ (b.x - rest)) < 0.0
-        across = across and not (statics.resting.any() or statics.straight(a.x))
-        if across and max(sizes) <= 2.0 * self.longest:
-            meeting = self._pitchfork(rest, a.p)
-        if meeting is not None:
-            until = 0.0 if landed else 0.98 * ds * sizes[0] / sum(sizes)
+        statics, ds = self.statics, step.length
+        fork, until = statics.meeting(step, 2.0 * self.longest) or (None, ds)
 
         def kind(before: float, s: float) -> Change:
             straight, passing = statics.straight(step.at(s).x), growth.positive(s)
@@ -935,11 +870,16 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         self.test = growth = GrowthTest(
             step, 1e-10 * (1.0 + until), self._roots, kind, before=self.test
         )
-        found = special_points(step, 1e-12 if meeting is None else 0.0, [growth], until)
+        found = special_points(step, 1e-12 if fork is None else 0.0, [growth], until)
         turns = [s for name, _, s in found if name == "fold"]
-        for name, before, s in found:
+        for name, before, beyond in found:
+            s: float | None = beyond
+            if name == "branch point":
+                s = self._singular(step, before, beyond, math.inf if fork is None else 0.9 * until)
+            if s is None:
+                continue
             # Right beside a pitchfork its own eigenvalue counts as neutral.
-            same = meeting is not None and abs(step.at(s).p / meeting - 1.0) < SAME_FORK
+            same = fork is not None and abs(step.at(s).p / fork.p - 1.0) < SAME_FORK
             same |= any(abs(s - turn) <= 1e-3 * ds for turn in turns)
             if name not in ("fold", "hopf") and same:
                 continue
@@ -947,14 +887,14 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
             self.changes.append(point)
             if 1e-6 * ds < s < (1.0 - 1e-6) * ds:  # otherwise the end of the step is there
                 z = np.append(step.at(s).x, point.speed)
-                self._add(Point(z, step.at(s).tangent), growth.at(before), growth.at(s))
-        if meeting is None:
-            self._add(b, growth.at(until))
-            return "far" if float(np.abs(b.x).max()) > TEN_TURNS else None
-        fork = Point(np.append(rest, meeting), a.tangent)
-        self.changes.append(self._point("pitchfork", fork))
-        self._add(fork, self._growth(fork))
-        return "pitchfork"
+                self._add(Point(z, step.at(s).tangent), growth.at(before), growth.at(beyond))
+        if fork is None:
+            self._add(step.end, growth.at(until))
+            return "far" if float(np.abs(step.end.x).max()) > TEN_TURNS else None
+        end: Change = "pitchfork" if statics.straight(fork.x) else "branch point"
+        self.changes.append(self._point(end, fork))
+        self._add(fork, self._growth(fork), growth.at(until))
+        return end
 
     def _add(self, point: Point, *growth: Array) -> None:
         """Keeps a point with the growth of motions about it or, of a change, on both its sides.
@@ -972,20 +912,29 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         """The eigenvalues of small motions about an equilibrium."""
         return self.statics.eigenvalues(point.x, abs(point.p))
 
-    def _pitchfork(self, rest: Array, u: float) -> float | None:
-        """Speed of the pitchfork of a straight pipe nearest to u, or None if none is near.
+    def _singular(
+        self, step: BranchStep[DenseProblem], before: float, beyond: float, until: float
+    ) -> float | None:
+        """Arc length near a change of one real eigenvalue at which a stiffness K is singular.
 
-        Its square is an eigenvalue, as the Jacobian at rest is affine in the square of the speed.
+        None is returned if there is none: right beside folds and forks the count of unstable
+        eigenvalues also changes where an eigenvalue rises above its rounding.
         """
-        jacobian = self.statics.jacobian
-        if not self.statics.always_rests:
-            return None
-        slope = jacobian(rest, 1.0) - jacobian(rest, 0.0)
-        squares = _core.general_values(jacobian(rest, 0.0), -slope)  # infinite without flux
-        real = (squares.real > 0.0) & (np.abs(squares.imag) <= 1e-9 * np.abs(squares))
-        found = np.sqrt(squares.real[real])
-        near = found[np.abs(found - u) < 0.02 * (1.0 + u)]
-        return min(near.tolist(), key=lambda p: abs(p - u), default=None)
+        near, statics = 0.1 * step.length, self.statics
+        low, high = before - near, min(beyond + near, until)
+        for plane in statics.planes:
+            if plane and statics.model.axisymmetric:  # singular anywhere, by a turn about the axis
+                return beyond
+
+            def determinant(s: float, plane: int = plane) -> float:
+                point = step.at(s)
+                stiffness = statics.matrices(point.x, abs(point.p), plane)[2]
+                sign, log = np.linalg.slogdet(stiffness)
+                return float(sign * np.exp(log / len(stiffness)))
+
+            if determinant(low) * determinant(high) < 0.0:
+                return zero_between(determinant, low, high)
+        return None
 
     def _point(self, kind: Change, point: Point) -> BranchPoint:
         statics, speed, frequency = self.statics, abs(point.p), 0.0
@@ -995,7 +944,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
             if oscillating.size:
                 crossing = np.argmin(np.abs(oscillating.real))
                 frequency = float(abs(oscillating[crossing].imag))
-        if kind == "pitchfork":  # roots of det K are more precise than changes of the count
-            speed = self._pitchfork(statics.straightened(point.x), speed) or speed
+        if kind == "pitchfork":  # known without the branch's own error
+            speed = statics.fork_speed(statics.straightened(point.x), speed) or speed
         q = statics.to_user(point.x[None])[0]
         return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])

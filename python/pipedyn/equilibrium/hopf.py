@@ -45,7 +45,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.equilibrium.axis_problems import gyroscopic_mass
-from pipedyn.equilibrium.equilibria import BranchPoint, Statics
+from pipedyn.equilibrium.equilibria import BranchPoint
 from pipedyn.equilibrium.normal_form import (
     FIRST_STEP,
     LEVELS,
@@ -57,6 +57,7 @@ from pipedyn.equilibrium.normal_form import (
     second_and_third,
     vectors,
 )
+from pipedyn.equilibrium.statics import statics_of
 from pipedyn.linear.critical_speed import critical_point
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.rest import at_rest
@@ -108,8 +109,7 @@ def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
         ValueError: if the pipe is not in equilibrium there.
     """
     if isinstance(crossing, BranchPoint):
-        start = Statics(motion.model).from_start("crossing", crossing.q)
-        return np.concatenate([motion.model.from_plane(start), np.zeros(motion.half)])
+        return np.asarray(motion.model.initial_state(crossing.q, None))
     model = at_rest(motion.model, crossing.speed)
     model.require_equilibrium(crossing.speed)
     return np.concatenate([model.resting(), np.zeros(motion.half)])
@@ -176,8 +176,7 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
         """Number of eigenvalues with positive real part at the onset, without the critical pair."""
         if isinstance(self.crossing, Crossing):
             return min(self.crossing.unstable_before, self.crossing.unstable_after)
-        statics = Statics(self.model)
-        place = np.split(self.rest, 2)[0][: statics.size]
+        statics, place = statics_of(self.model, np.split(self.rest, 2)[0])
         values = statics.eigenvalues(place, self.speed)
         pair = np.minimum(*(np.abs(values - sign * 1j * self.frequency) for sign in (1.0, -1.0)))
         return int(np.count_nonzero(grows(values)[np.argsort(pair)[2:]]))

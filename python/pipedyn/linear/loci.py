@@ -673,7 +673,7 @@ def _loci_of_rest(model: Model, speeds: Array, count: int) -> RootLoci:
     for row in rows:
         values, partners, converged, errors = map(np.array, zip(*row, strict=True))
         checks = converged, errors
-        each.append(RootLoci(speeds, values, partners, *checks, rests.plane.dof, model.pipe))
+        each.append(RootLoci(speeds, values, partners, *checks, rests.within.dof, model.pipe))
     return _side_by_side(each)
 
 

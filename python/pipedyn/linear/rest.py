@@ -65,13 +65,19 @@ class BranchOfRest:
 
     In directions that guides and pins forbid, accelerations lead back to configurations that meet
     the constraints: all are zero only at an equilibrium that meets the constraints.
+
+    Args:
+        model: the model.
+        within: the model in whose coordinates the rest is solved for; by default that of the plane
+            in which the pipe rests.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, within: Model | None = None) -> None:
         self.model = model
-        self.plane: Model = model.planar  # it moves in the plane in which the pipe rests
-        self.size, self.planes = self.plane.integrated, range(model.dimensions - 1)
-        self.resting = np.array(self.plane.resting(), dtype=np.float64)
+        self.within: Model = model.planar if within is None else within
+        self.size = self.within.integrated
+        self.planes = range(1 if self.within is model else model.dimensions - 1)
+        self.resting = np.array(self.within.resting(), dtype=np.float64)
         self.branch = DenseProblem(self.equations, self.size, 2.0, STEPS_OF_REST)
         self._about: tuple[Array, Operators] | None = None  # operators about the last configuration
         self._still: Array | None = None  # the rest without flow
@@ -83,11 +89,11 @@ class BranchOfRest:
         """
         count_right_hand_sides(len(xs))
         y = np.concatenate([xs.T, np.zeros_like(xs.T)])
-        return self.plane.motion_rates(y, u)[self.size :].T
+        return self.within.motion_rates(y, u)[self.size :].T
 
     def jacobian(self, x: Array, p: float) -> Array:
         """Derivative of accelerations by x, (integrated, integrated), or one for each row of x."""
-        whole = self.plane.motion_jacobian(np.concatenate([x.T, np.zeros_like(x.T)]), abs(p))
+        whole = self.within.motion_jacobian(np.concatenate([x.T, np.zeros_like(x.T)]), abs(p))
         return whole[..., self.size :, : self.size]
 
     def equations(self, x: Array, p: float) -> tuple[Array, Array]:
@@ -108,18 +114,15 @@ class BranchOfRest:
         pipe = self.model.pipe
         size = 1.0 + abs(pipe.gamma) + pipe.alpha * u**2
         try:
-            force, _, _ = self.forces(x, u)
+            force = self.forces(x, u)
         except ValueError:  # x misses a guide or pin
             return math.inf
         return float(np.abs(force).max()) / size
 
-    def forces(self, x: Array, u: float) -> tuple[Array, Array, Operators]:
-        """Unbalanced forces in the directions that constraints leave free, with these directions.
-
-        The third result is the operators about x, which act in these directions.
-        """
-        free, of = self.plane.free_directions(x), self.plane.operators(x)
-        return of.mass @ (free.T @ self.accelerations(x[None], u)[0]), free, of
+    def forces(self, x: Array, u: float) -> Array:
+        """Unbalanced forces in the directions that constraints leave free, (dof,)."""
+        free, of = self.within.free_directions(x), self.within.operators(x)
+        return of.mass @ (free.T @ self.accelerations(x[None], u)[0])
 
     def eigenvalues(self, x: Array, u: float) -> Complex:
         """Eigenvalues of small motions about an equilibrium, shape (2 dof,)."""
@@ -132,10 +135,10 @@ class BranchOfRest:
     def matrices(self, x: Array, u: float, plane: int) -> tuple[Array, Array, NDArray[Any]]:
         """(M, C, K) of small motions about an equilibrium in the plane of rest, or across it."""
         if not plane:
-            return self.plane.operators(x).at(u)
+            return self.within.operators(x).at(u)
         if self._about is None or not np.array_equal(self._about[0], x):
-            self._about = x, self.model.operators(self.model.from_plane(x))
-        own = slice(self.plane.dof, None)
+            self._about = x, self.model.operators(self.whole(x))
+        own = slice(self.within.dof, None)
         mass, damping, stiffness = self._about[1].at(u)
         return mass[own, own], damping[own, own], stiffness[own, own]
 
@@ -145,8 +148,12 @@ class BranchOfRest:
 
     def to_user(self, xs: Array) -> Array:
         """Users' coordinates, (k, coordinates), of integrated coordinates xs, (k, integrated)."""
-        xs = self.model.from_plane(xs.T).T
+        xs = self.whole(xs.T).T
         return self.model.to_user(xs, np.zeros_like(xs))[0]
+
+    def whole(self, x: Array) -> Array:
+        """Coordinates of the model, (integrated, ...), of a configuration or several, x."""
+        return x if self.within is self.model else self.model.from_plane(x)
 
     def about(self, x: Array) -> Model:
         """The model linearised about a configuration x."""

@@ -725,6 +725,10 @@ class Model(OfPipe, ABC):
         """Coordinates of `planar`, (integrated,), nearest to p, which may be turned for that."""
         return p
 
+    def lies_in_plane(self, p: Array) -> bool:
+        """Whether coordinates p, (integrated,), lie in a plane in which `planar` moves."""
+        return True
+
     def beyond_reach(self, x: Array) -> str:
         """Why the model has not the configuration x, (integrated,), of `planar`; empty if it has.
 

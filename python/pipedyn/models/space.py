@@ -188,11 +188,14 @@ class SpatialModel(MeetsSupports, Model):
             ValueError: if p does not lie in the plane z = 0 or, where all planes through the axis
                 are alike, in one of these.
         """
-        x, z = self._towards_plane(p)
-        if np.abs(z).max() > IN_PLANE * (1.0 + np.abs(x).max()):
+        if not self.lies_in_plane(p):
             planes = "a plane through the axis" if self.axisymmetric else "the plane z = 0"
             raise ValueError(f"{name} must lie in {planes}, got {check.shown(p)}")
-        return x
+        return self.nearest_in_plane(p)
+
+    def lies_in_plane(self, p: Array) -> bool:
+        x, z = self._towards_plane(p)
+        return bool(np.abs(z).max() <= IN_PLANE * (1.0 + np.abs(x).max()))
 
     def __repr__(self) -> str:
         return f"{self._planar!r}"[:-1] + f", dimensions=3{self._about_shown})"
@@ -365,6 +368,18 @@ class SpatialModel(MeetsSupports, Model):
         own, mass = twice(fast), np.zeros((half, half))
         mass[i, k] = mass[k, i] = 0.5 * (twice(fast[:, i] + fast[:, k]) - own[i] - own[k])
         return mass / np.outer(FAST * scale, FAST * scale)
+
+    def inertia(self, q: Array, accelerations: Array) -> Array:
+        """Forces, (coordinates, k), that give k pipes at rest accelerations, (coordinates, k).
+
+        They are differences of kinetic energies at rates beside which other energy is rounding.
+        """
+        size = np.maximum(np.abs(accelerations).max(axis=0), 1e-300)
+        unit = FAST * np.concatenate([np.eye(len(q)), -np.eye(len(q))], axis=1)[:, None]
+        rates = unit + (FAST / size * accelerations)[:, :, None]
+        y = np.concatenate([q[:, :, None] + 0.0 * unit, rates]).reshape(2 * len(q), -1)
+        ahead, behind = np.split(np.reshape(self.energy(y), rates.shape[1:]), 2, axis=1)
+        return np.asarray(0.5 * size / FAST**2 * (ahead - behind).T)
 
     def elastic_operators(self) -> Operators:
         """Operators in elastic coordinates; about the straight pipe two blocks of planar ones."""
