@@ -8,7 +8,7 @@ import operator
 import reprlib
 from collections.abc import Collection, Mapping
 from numbers import Integral, Real
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,9 +158,8 @@ def choice(name: str, value: Any, options: Collection[Word]) -> Word:
     """The value, refused unless it is one of a few words."""
     is_word = isinstance(value, str)
     if is_word and value in options:
-        if type(value) is str:
-            return value
-        return next(option for option in options if option == value)
+        found = value if type(value) is str else next(one for one in options if one == value)
+        return cast("Word", found)
     listed = ", ".join(repr(option) for option in options)
     if not is_word:
         raise TypeError(f"{name} must be one of {listed}, got {shown(value)}")
