@@ -136,7 +136,8 @@ struct Walk {
                              vx + swing * cosine, vy - swing * sine, rate};
       Laws::with(next->term, [&]<class Law>(const Law& law) {
         if constexpr (Law::applied) {
-          body(driven.force(law, next->term.at), *next, at);
+          const Driven<Real> now = driven;  // a copy, which leaves the walk in registers
+          body(now.force(law, next->term.at), *next, at);
         } else if constexpr (Law::on_base) {
           body(law, *next, about(at, driven.x, driven.y, driven.vx, driven.vy));
         } else {
