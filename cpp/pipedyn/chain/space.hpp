@@ -380,8 +380,8 @@ template <class Number>
 struct SpatialRoom {
   // (n + 2,): the n segments, between two that stand for the axis at the clamp and a guided end.
   SpatialSegment<Number>* all;
-  Across<Number>* pulls;             // p of each row (rows, n)
-  Number *products, *forces;         // sums of p . p / H (rows, rows); forces at supports (rows,)
+  Across<Number>* pulls;      // p of each row (rows, n)
+  Number *products, *forces;  // sums of p . p / H (rows, rows); forces at supports (rows,)
 
   SpatialRoom(const ChainModel& model, Layout& layout) {
     const Count n = model.size, rows = 2 * model.held_count;
