@@ -157,7 +157,7 @@ struct Linearised {
   /// Fills the arrays for the state.
   void linearise() {
     const Count n = model.size;
-    const Driven<Real> driven = members.drive();
+    const Driven<Real> driven = drive_of(members);
     push = model.coriolis * driven.rate;
     accelerations_of<true>(model, members, sweep, nullptr, kept);
     for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, members.row(j));

@@ -63,7 +63,7 @@ void energy_of(const ChainModel& model, const Members<Real>& members, Sweep<Real
   const auto add = [&](const auto& law, const SegmentTerm& place, const auto& at) {
     twice += (2.0 * place.weight) * law.energy(at);
   };
-  Walk<Real> walk(model, members.drive());
+  Walk<Real> walk(model, drive_of(members));
   for (Count j = 0; j < n && model.load_count > 0; ++j) {
     walk.turn(sweep.at(sweep.sine, j), sweep.at(sweep.cosine, j));
     walk.pass(j, model.links[j].length, members.row(j), sweep.at(sweep.rate, j), add);
@@ -84,7 +84,7 @@ void axial_of(const ChainModel& model, const Members<Real>& members, Sweep<Real>
   const Count n = model.size;
   for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, members.row(j));
   sweep.take_sines(n);
-  const Driven<Real> driven = members.drive();
+  const Driven<Real> driven = drive_of(members);
   const auto [down_x, down_y] = model.down;
   Real ax = driven.ax, ay = driven.ay, along = model.base * ay;
   Real depth = all<Real>(model.base * down_y);

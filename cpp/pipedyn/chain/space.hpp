@@ -245,7 +245,7 @@ struct SpatialDrive {
   Space<Number> position, velocity, acceleration;
 
   template <class Rows>
-  explicit SpatialDrive(const Rows& rows) : rate(rows.driven(0)) {
+  explicit SpatialDrive(Rows rows) : rate(rows.driven(0)) {
     using pipedyn::Drive;
     const auto vector = [&](Count at, Count z) -> Space<Number> {
       return {rows.driven(at), rows.driven(at + 1), rows.driven(z)};
@@ -316,8 +316,7 @@ struct Direction {
 template <class Number>
 struct SpatialSegment : Direction<Number> {
   using Direction<Number>::a, Direction<Number>::t, Direction<Number>::rate;
-  Space<Number> force, lever;  // sums of the loads, and of the loads times their arms
-  Across<Number> couple;
+  Space<Number> force, lever;  // sums of the loads, and of their moments as loads times arms
   // Of the segment's joint: sin^2 (phi / 2), F, v, c D and, with the sign of a resistance,
   // factors of the forces on both tangents.
   Number z, f, by_cosine, about;  // about: 1 / (1 + cos phi)
@@ -356,15 +355,15 @@ struct SpatialSegment : Direction<Number> {
   Number angle_square() const { return 4.0 * (z * (1.0 - z)) * (f * f); }
 
   /// Sets the damping of the joint, and adds the spin at the joint to that before it. rate0: t0'.
-  void resist(const Space<Number>& t0, const Space<Number>& rate0, double damping, Number& spin) {
+  PIPEDYN_INLINE void resist(const Space<Number>& t0, const Space<Number>& rate0, double damping,
+                             Number& spin) {
     v = cross(t0, t);
-    const Number closing = dot(rate0, t) + dot(t0, rate);
-    const Space<Number> opening = cross(rate0, t);
+    const Number closing = dot(rate0, t) + dot(t0, rate), turning = dot(v, rate0);
     // v' - (t_{j-1} x t_{j-1}' + w3 t_{j-1}) x v
-    const Number carried = dot(t0, opening) + spin * (1.0 - 2.0 * z);
-    const Space<Number> seen = plus_cross(opening, t0, rate) - carried * t0 + spin * t;
+    const Number carried = spin * (1.0 - 2.0 * z) - turning;
+    const Space<Number> seen = plus_cross(cross(rate0, t), t0, rate) - carried * t0 + spin * t;
     resistance = (damping * f) * seen + (damping * by_cosine * closing) * v;
-    spin = spin - dot(v, rate0 + rate) * about;
+    spin = spin - (turning + dot(v, rate)) * about;
   }
 };
 
@@ -379,13 +378,14 @@ inline Space<Number> axis() {
 /// Scratch of the recursion. Rows 2 b and 2 b + 1 belong to x and z of support b.
 template <class Number>
 struct SpatialRoom {
-  SpatialSegment<Number>* segments;  // (n,), and one more that stands for the axis at a guided end
-  Across<Number>* pulls;             // p of each row (rows, n)
-  Number *products, *forces;         // sums of p . p / H (rows, rows); forces at supports (rows,)
+  // (n + 2,): the n segments, between two that stand for the axis at the clamp and a guided end.
+  SpatialSegment<Number>* all;
+  Across<Number>* pulls;      // p of each row (rows, n)
+  Number *products, *forces;  // sums of p . p / H (rows, rows); forces at supports (rows,)
 
   SpatialRoom(const ChainModel& model, Layout& layout) {
     const Count n = model.size, rows = 2 * model.held_count;
-    segments = layout.take<SpatialSegment<Number>>(n + model.guided);
+    all = layout.take<SpatialSegment<Number>>(n + 2);
     pulls = layout.take<Across<Number>>(rows * n);
     products = layout.take<Number>(rows * rows);
     forces = layout.take<Number>(rows);
@@ -405,7 +405,7 @@ void hold(const ChainModel& model, const SpatialRoom<Number>& room) {
     Number* const products = room.products + row * rows;
     for (Count other = 0; other <= row; ++other) products[other] = Number{};
     for (Count j = model.held[row / 2]; j >= 0; --j) {
-      const SpatialSegment<Number>& here = room.segments[j];
+      const SpatialSegment<Number>& here = room.all[j + 1];
       const double l = model.links[j].length;
       const Across<Number> across = here.across(bias), turning = here.inverse.times(across);
       own[j] = l * across;
@@ -421,7 +421,7 @@ void hold(const ChainModel& model, const SpatialRoom<Number>& room) {
   solve_symmetric(room.products, rows, room.forces);
   for (Count row = 0; row < rows; ++row) {
     for (Count j = model.held[row / 2]; j >= 0; --j) {
-      SpatialSegment<Number>& here = room.segments[j];
+      SpatialSegment<Number>& here = room.all[j + 1];
       here.free = here.free - room.forces[row] * here.inverse.times(room.pulls[row * n + j]);
     }
   }
@@ -445,8 +445,8 @@ PIPEDYN_NOINLINE Space<Number> carried_axis(const SpatialSegment<Number>* segmen
 /// slower for all the laws.
 template <class Number, class Rows>
 PIPEDYN_NOINLINE const SegmentTerm* add_terms(const SegmentTerm* term, const SegmentTerm* last,
-                                              const Space<Number>& r, const Space<Number>& v,
-                                              const SpatialDrive<Number>& drive, const Rows& rows,
+                                              Space<Number> r, Space<Number> v,
+                                              const SpatialDrive<Number>& drive, Rows rows,
                                               SpatialSegment<Number>& here,
                                               PowerParts<Number>& power) {
   for (const Count j = term->segment; term != last && term->segment == j; ++term) {
@@ -458,8 +458,7 @@ PIPEDYN_NOINLINE const SegmentTerm* add_terms(const SegmentTerm* term, const Seg
       with_station(law, place, drive.position, drive.velocity, [&](const auto& at) {
         const SpatialLoad<Number> load = law.load_in_space(at);
         here.force += weight * load.force;
-        here.lever += (weight * arm) * load.force;
-        here.couple = here.couple + weight * load.couple;
+        here.lever += (weight * arm) * load.force + here.lifted(weight * load.couple);
         power.terms = power.terms + weight * power_of(law, at, load);
         power.base = power.base - weight * base_loss(law, at, load, drive.velocity);
       });
@@ -471,8 +470,8 @@ PIPEDYN_NOINLINE const SegmentTerm* add_terms(const SegmentTerm* term, const Seg
 /// Takes from a segment the weight and the centripetal force of mass that moves across it alone,
 /// and returns the power that this mass takes from the acceleration of the base.
 template <class Number>
-PIPEDYN_NOINLINE Number correct_added(const ChainModel& model, const Link& link,
-                                      const Space<Number>& own, const SpatialDrive<Number>& drive,
+PIPEDYN_NOINLINE Number correct_added(const ChainModel& model, const Link& link, Space<Number> own,
+                                      const SpatialDrive<Number>& drive,
                                       SpatialSegment<Number>& here) {
   const double arm = 0.5 * link.length;
   const Space<Number> lift =
@@ -485,48 +484,47 @@ PIPEDYN_NOINLINE Number correct_added(const ChainModel& model, const Link& link,
 /// Computes the accelerations of a state of the motion in space, and returns the powers, or zeros
 /// without `powers`. put(j, rates, accelerations): receives a' and a'' of each segment.
 template <bool powers, class Number, class Rows, class Put>
-PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& rows,
-                                         const SpatialRoom<Number>& room, const Put& put) {
-  SpatialSegment<Number>* const segments = room.segments;
+PowerParts<Number> spatial_accelerations(const ChainModel& model, Rows rows,
+                                         SpatialRoom<Number> room, Put put) {
+  SpatialSegment<Number>* const segments = room.all + 1;
+  const Link* const links = model.links;
   const Count n = model.size, joints = n + model.guided;
   const Number u = rows.speed(), coriolis = model.coriolis * u, entry = model.entry * u;
   const SpatialDrive<Number> drive(rows);
   const Number push = model.coriolis * drive.rate;
   bool resists = model.end_damping != 0.0;
-  for (Count j = 0; j < n; ++j) resists = resists || model.links[j].damping != 0.0;
+  for (Count j = 0; j < n; ++j) resists = resists || links[j].damping != 0.0;
   PowerParts<Number> power{}, of_terms{};
 
   Space<Number> r = drive.position + model.base * axis<Number>(), velocity = drive.velocity;
-  Space<Number> t0 = axis<Number>(), rate0{};
   Number spin{};
   const SegmentTerm* term = model.loads;
   const SegmentTerm* const last_term = model.loads + model.load_count;
+  const bool places = model.load_count + model.held_count > 0;
   Count support = 0;
+  // Loops of their own, so that a processor computes polynomials of several segments at once.
+  for (Count j = 0; j < n; ++j) segments[j].move(rows, n, j);
+  for (const Count j : {Count{-1}, n}) {
+    segments[j].t = axis<Number>();
+    segments[j].rate = segments[j].lever = Space<Number>{};
+  }
+  for (Count j = 0; j < joints; ++j) segments[j].join(segments[j - 1].t, resists);
   for (Count j = 0; j < joints; ++j) {
     SpatialSegment<Number>& here = segments[j];
-    if (j < n) {
-      here.move(rows, n, j);
-    } else {
-      here.t = axis<Number>();
-      here.rate = here.lever = Space<Number>{};
-    }
-    here.join(t0, resists);
     if (resists) {
-      const double damping = j < n ? model.links[j].damping : model.end_damping;
-      here.resist(t0, rate0, damping, spin);
+      const double damping = j < n ? links[j].damping : model.end_damping;
+      here.resist(segments[j - 1].t, segments[j - 1].rate, damping, spin);
       if (powers && damping != 0.0) {
         power.joints = power.joints - (1.0 / damping) * dot(here.resistance, here.resistance);
       }
     }
     if (j == n) break;
-    const Link& link = model.links[j];
+    const Link& link = links[j];
     const Space<Number> own = velocity - drive.velocity;  // relative to the base
-    const Number length_push = link.length * push;
-    here.force = (-link.length * (2.0 * coriolis)) * here.rate - length_push * here.t;
+    here.force = (-link.length * (2.0 * coriolis)) * here.rate;
     here.lever = (-link.length_square * coriolis) * here.rate;
-    here.couple = Across<Number>{};
     if constexpr (powers) {
-      power.flow = power.flow - length_push * dot(here.t, own);
+      power.flow = power.flow - link.length * push * dot(here.t, own);
       power.base =
           power.base - dot(drive.acceleration, link.mass * own + link.first_moment * here.rate);
     }
@@ -545,14 +543,11 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
       }
     }
     if (term != last_term && term->segment == j) {
-      const Space<Number> joint = r, moving = velocity;  // copies, which leave these in registers
-      term = add_terms(term, last_term, joint, moving, drive, rows, here, of_terms);
+      term = add_terms(term, last_term, r, velocity, drive, rows, here, of_terms);
     }
     if (link.added != 0.0) power.base = power.base - correct_added(model, link, own, drive, here);
-    r += link.length * here.t;
+    if (places) r += link.length * here.t;
     velocity += link.length * here.rate;
-    t0 = here.t;
-    rate0 = here.rate;
     if (support == model.held_count || model.held[support] != j) continue;
     const double k = model.return_rate;
     const Space<Number> missed = k * (2.0 * (velocity - drive.velocity) + k * (r - drive.position));
@@ -560,10 +555,9 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     room.forces[2 * support + 1] = -missed.z;
     ++support;
   }
-  if (model.guided) t0 = axis<Number>();
   power.terms = of_terms.terms;
   power.base = power.base + of_terms.base;
-  Space<Number> jet = model.thrust[0] * t0;
+  Space<Number> jet = model.thrust[0] * segments[joints - 1].t;
   if (model.thrust[1] != 0.0) jet += model.thrust[1] * carried_axis(segments, joints);
   jet = (u * u) * jet;
   const Space<Number> end = velocity - drive.velocity;
@@ -574,64 +568,60 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
   Number twist{};
   for (Count j = joints - 1; j >= 0; --j) {
     SpatialSegment<Number>& here = segments[j];
-    const Space<Number> before = j > 0 ? segments[j - 1].t : axis<Number>();
-    const double spring = j < n ? model.links[j].spring : model.end_spring;
-    const Space<Number> pull = (spring * here.f) * (here.t - before);
+    const Space<Number> before = segments[j - 1].t;
+    const double spring = j < n ? links[j].spring : model.end_spring;
+    // Moments are without what they have along their segment's tangent, which turns nothing.
+    Number stiff = spring * here.f;
+    if (resists) stiff = stiff - here.by_cosine * dot(here.resistance, here.v);
+    const Space<Number> pull = stiff * (here.t - before);
     Space<Number> moment = beyond + here.lever - pull;
     beyond = pull;
     if (resists) {
       const Space<Number> c = here.f * here.resistance;
-      const Number closing = here.by_cosine * dot(here.resistance, here.v);
       const Number spun = twist * here.about, along = dot(c, before);  // v is normal to t_{j-1}
-      moment = plus_cross(moment, before, c) - closing * before - spun * here.v;
-      beyond = plus_cross(beyond, c, here.t) - closing * here.t - (spun + along) * here.v;
+      moment = plus_cross(moment, before, c) - spun * here.v;
+      beyond = plus_cross(beyond, c, here.t) - (spun + along) * here.v;
       twist = twist + along * (1.0 - 2.0 * here.z) - dot(c, here.t);
     }
     if (j == n) continue;
-    const Link& link = model.links[j];
+    const Link& link = links[j];
     const double l = link.length;
-    const Across<Number> tau = here.across(moment) + here.couple;
+    const Across<Number> tau = here.across(moment);
     const Space<Number> of_x = inertia.times(here.nx), of_z = inertia.times(here.nz);
     const Symmetric2<Number> nn{dot(here.nx, of_x), dot(here.nz, of_x), dot(here.nz, of_z)};
     const Across<Number> nt{dot(here.t, of_x), dot(here.t, of_z)};
-    const Number tt = dot(here.t, inertia.times(here.t));
+    const Number tt = inertia.xx + inertia.yy + inertia.zz - nn.xx - nn.zz;
     const Symmetric2<Number> h{link.inertia + link.length_square * nn.xx,
                                link.length_square * nn.xz,
                                link.inertia + link.length_square * nn.zz};
-    // 1 / H = share (adjugate of H). The share is multiplied last, so that a segment waits only for
-    // the division of its neighbour.
     const Number share = inverse_of(Number(h.xx * h.zz - h.xz * h.xz));
-    const Symmetric2<Number> adjugate{h.zz, -h.xz, h.xx};
-    // Product of the adjugate with p + q N^T A N, which is symmetric.
+    const Symmetric2<Number> inverse{share * h.zz, -(share * h.xz), share * h.xx};
+    // (p + q N^T A N) / H, which is symmetric.
     const auto over_h = [&](double p, double q) -> Symmetric2<Number> {
       const Number xx = p + q * nn.xx, xz = q * nn.xz, zz = p + q * nn.zz;
-      return {xx * adjugate.xx + xz * adjugate.xz, xx * adjugate.xz + xz * adjugate.zz,
-              xz * adjugate.xz + zz * adjugate.zz};
+      return {xx * inverse.xx + xz * inverse.xz, xx * inverse.xz + xz * inverse.zz,
+              xz * inverse.xz + zz * inverse.zz};
     };
     const Number inward = l * here.square;
     const Across<Number> b = here.across(bias) - inward * nt;
     const Symmetric2<Number> turned = over_h(link.first_moment, l);
-    const Across<Number> slant = l * adjugate.times(nt);
-    here.inverse = share * adjugate;
-    here.turned = share * turned;
-    here.along = share * slant;
-    here.free = share * adjugate.times(tau - l * b);
-    const Across<Number> force =
-        share * (turned.times(tau) + link.exchange * adjugate.times(b)) - here.across(here.force);
-    const Number force_along = dot(here.t, bias - here.force) - inward * tt -
-                               link.first_moment * here.square + l * dot(nt, here.free);
-    bias = here.lifted(force) + force_along * here.t;
+    const Across<Number> slant = inverse.times(nt);
+    here.inverse = inverse;
+    here.turned = turned;
+    here.along = l * slant;
+    here.free = inverse.times(tau - l * b);
+    const Across<Number> force = turned.times(tau) + link.exchange * inverse.times(b);
+    const Number force_along = dot(here.t, bias) + l * (push + dot(nt, here.free)) - inward * tt -
+                               link.first_moment * here.square;
+    bias = here.lifted(force) + force_along * here.t - here.force;
     const Symmetric2<Number> across = over_h(link.own_inertia, link.end_inertia);
-    const Across<Number> mixed = (link.exchange / l) * slant;
-    const Number lost = l * dot(nt, slant);
+    const Across<Number> mixed = link.exchange * slant;
+    const Number along = tt + link.mass - link.length_square * dot(nt, slant);
     const Space<Number> x = here.lifted({across.xx, across.xz}) + mixed.x * here.t;
     const Space<Number> z = here.lifted({across.xz, across.zz}) + mixed.z * here.t;
-    const Space<Number> t = here.lifted(mixed) - lost * here.t;
-    const Space<Number> whole = (tt + link.mass) * here.t;
+    const Space<Number> t = here.lifted(mixed) + along * here.t;
     const auto entry_of = [&](auto row, auto column) {
-      return whole.*row * here.t.*column +
-             share *
-                 (x.*row * here.nx.*column + z.*row * here.nz.*column + t.*row * here.t.*column);
+      return x.*row * here.nx.*column + z.*row * here.nz.*column + t.*row * here.t.*column;
     };
     constexpr auto ix = &Space<Number>::x, iy = &Space<Number>::y, iz = &Space<Number>::z;
     inertia = {entry_of(ix, ix), entry_of(iy, iy), entry_of(iz, iz),
@@ -644,7 +634,7 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     Space<Number> joint = start;
     support = 0;
     for (Count j = 0; j < n; ++j) {
-      const Link& link = model.links[j];
+      const Link& link = links[j];
       const SpatialSegment<Number>& here = segments[j];
       const Across<Number> across = here.across(joint);
       const Number along = dot(here.t, joint);
@@ -724,10 +714,10 @@ void spatial_rhs(const ChainModel& model, const Batch& batch, double* rates) {
   const Count n = model.size;
   for_each_spatial_block(
       model, batch, [&]<class Real>(const States<Real>& states, const SpatialRoom<Real>& room) {
-        const Members<Real>& members = states.members;
-        const auto put = [&](Count j, const auto&, const Across<Real>& acceleration) {
-          members.set_row(rates, j, states.row(2 * n + j));
-          members.set_row(rates, n + j, states.row(3 * n + j));
+        const Members<Real> members = states.members;
+        const auto put = [=](Count j, const auto&, const Across<Real>& acceleration) {
+          members.set_row(rates, j, members.row(2 * n + j));
+          members.set_row(rates, n + j, members.row(3 * n + j));
           members.set_row(rates, 2 * n + j, acceleration.x);
           members.set_row(rates, 3 * n + j, acceleration.z);
         };

@@ -106,6 +106,7 @@ struct Walk {
   Real x, y, vx, vy;    // position and velocity of the joint
   Real sine{}, cosine;  // of the segment's angle
   const SegmentTerm *next, *end;
+  Count found;  // segment of the next place, -1 if there is none
   Driven<Real> driven;
 
   Walk(const ChainModel& model, const Driven<Real>& base)
@@ -116,7 +117,10 @@ struct Walk {
         cosine(all<Real>(1.0)),
         next(model.loads),
         end(model.loads + model.load_count),
-        driven(base) {}
+        driven(base) {
+    find();
+  }
+  void find() { found = next != end ? next->segment : -1; }
 
   /// Turns to the direction of the next segment. s, c: sine and cosine of its joint angle.
   void turn(const Real& s, const Real& c) {
@@ -129,14 +133,16 @@ struct Walk {
   /// angle, rate: theta_j and theta_j'.
   template <class Body>
   void pass(Count j, double length, const Real& angle, const Real& rate, const Body& body) {
-    for (; next != end && next->segment == j; ++next) {
+    // One comparison, as registers are saved for the laws only after the first of two.
+    for (; found == j; ++next, find()) {
       const double arm = next->arm;
       const Real swing = arm * rate;
       const Station<Real> at{x + arm * sine,      y + arm * cosine,  angle, sine, cosine,
                              vx + swing * cosine, vy - swing * sine, rate};
       Laws::with(next->term, [&]<class Law>(const Law& law) {
         if constexpr (Law::applied) {
-          body(driven.force(law, next->term.at), *next, at);
+          const Driven<Real> now = driven;  // a copy, which leaves the walk in registers
+          body(now.force(law, next->term.at), *next, at);
         } else if constexpr (Law::on_base) {
           body(law, *next, about(at, driven.x, driven.y, driven.vx, driven.vy));
         } else {

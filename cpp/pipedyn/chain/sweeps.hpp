@@ -51,11 +51,11 @@ namespace {
 using pipedyn::Batch, pipedyn::Link, pipedyn::ChainModel;
 
 /// A block of members of a batch: one for each lane of a Real, or fewer in a batch of fewer
-/// members.
+/// members. Loops take it by value: what is behind a reference is read again after each store.
 template <class Real>
 struct Members {
   const Batch& batch;
-  Count first, used;
+  Count first, used, apart = batch.members;
 
   bool whole() const { return lanes<Real> == 1 || used == lanes<Real>; }
   Real read(const double* from) const { return read_members<Real>(from, used); }
@@ -68,24 +68,23 @@ struct Members {
     store(each, x);
     for (Count i = 0; i < used; ++i) to[i] = each[i];
   }
-  Real read_row(const double* rows, Count j) const {
-    return read(rows + j * batch.members + first);
-  }
+  Real read_row(const double* rows, Count j) const { return read(rows + j * apart + first); }
   Real row(Count j) const { return read_row(batch.y, j); }
-  void set_row(double* out, Count j, const Real& x) const {
-    write(out + j * batch.members + first, x);
-  }
+  void set_row(double* out, Count j, const Real& x) const { write(out + j * apart + first, x); }
   Real speed() const { return batch.u_step == 0 ? all<Real>(batch.u[0]) : read(batch.u + first); }
-  Driven<Real> drive() const {
-    auto found = Driven<Real>::of(batch, [&](Count k) { return read_row(batch.drive, k); });
-    if (batch.drive != nullptr && batch.drive_rows > pipedyn::Drive::rows) {
-      found.applied = batch.drive + pipedyn::Drive::rows * batch.members + first;
-      found.apart = batch.members;
-      found.used = used;
-    }
-    return found;
-  }
 };
+
+template <class Real>
+Driven<Real> drive_of(Members<Real> members) {
+  const Batch& batch = members.batch;
+  auto found = Driven<Real>::of(batch, [&](Count k) { return members.read_row(batch.drive, k); });
+  if (batch.drive != nullptr && batch.drive_rows > pipedyn::Drive::rows) {
+    found.applied = batch.drive + pipedyn::Drive::rows * batch.members + members.first;
+    found.apart = batch.members;
+    found.used = members.used;
+  }
+  return found;
+}
 
 /// Scratch of the sweeps: arrays of one Real a segment, some of which are used for two quantities
 /// one after the other. It consists of two numbers, so that it is passed to functions in registers.
@@ -149,7 +148,7 @@ template <class Real>
 struct Thrust {
   Real along, across;
 
-  Thrust(const ChainModel& model, const Members<Real>& members) {
+  Thrust(const ChainModel& model, Members<Real> members) {
     const Real u = members.speed(), square = u * u;
     along = model.thrust[0] * square;
     across = model.thrust[1] * square;
@@ -159,7 +158,7 @@ struct Thrust {
  private:
   /// Turns the force from the axis to the frame of the last segment. Not inlined: it would take
   /// registers from the sweeps.
-  PIPEDYN_NOINLINE void turn(const ChainModel& model, const Members<Real>& members) {
+  PIPEDYN_NOINLINE void turn(const ChainModel& model, Members<Real> members) {
     double angle[width] = {}, sine[width], cosine[width];
     store(angle, members.row(model.size - 1));
     sincos(angle, lanes<Real>, sine, cosine);
@@ -170,7 +169,7 @@ struct Thrust {
 };
 
 template <class Real>
-void read_state(const Members<Real>& members, Count n, Sweep<Real> sweep) {
+void read_state(Members<Real> members, Count n, Sweep<Real> sweep) {
   Real before{};
   for (Count j = 0; j < n; ++j) {
     const Real angle = members.row(j);
@@ -206,11 +205,11 @@ struct LoadPower {
 
 /// Implements `add_loads`. drives: whether the batch has a drive.
 template <bool drives, class Real>
-PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const ChainModel& model,
-                                               const Members<Real>& members, Sweep<Real> sweep) {
+PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const ChainModel& model, Members<Real> members,
+                                               Sweep<Real> sweep) {
   LoadPower<Real> power;
   const double* const moments = members.batch.moments;
-  const Driven<Real> driven = members.drive();
+  const Driven<Real> driven = drive_of(members);
   const Real push = model.coriolis * driven.rate;  // sqrt(beta) U'
   Walk<Real> walk(model, driven);
   for (Count j = 0; j < model.size; ++j) {
@@ -269,8 +268,7 @@ PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const ChainModel& model,
 /// hold the force across the segment, the force along it and the moment about its joint, with the
 /// signs of a resistance. Returns the powers.
 template <class Real>
-LoadPower<Real> add_loads(const ChainModel& model, const Members<Real>& members,
-                          Sweep<Real> sweep) {
+LoadPower<Real> add_loads(const ChainModel& model, Members<Real> members, Sweep<Real> sweep) {
   return members.batch.drive != nullptr ? add_all_loads<true>(model, members, sweep)
                                         : add_all_loads<false>(model, members, sweep);
 }
@@ -293,12 +291,13 @@ struct PowerParts {
   }
 };
 
-/// Computes rates (2 n, members) unless they are null, and returns the powers. keep: fills kept
-/// instead. Not inlined: each instance would have fewer registers next to the others.
+/// Computes theta'' in the last n rows of rates (2 n, members) unless they are null, and returns
+/// the powers. keep: fills kept instead. Not inlined: each instance would have fewer registers next
+/// to the others.
 template <class Real, Outer outer, bool keep>
-PIPEDYN_NOINLINE PowerParts<Real> accelerations(const ChainModel& model,
-                                                const Members<Real>& members, Sweep<Real> sweep,
-                                                double* rates, Kept<Real>* kept) {
+PIPEDYN_NOINLINE PowerParts<Real> accelerations(const ChainModel& model, Members<Real> members,
+                                                Sweep<Real> sweep, double* rates,
+                                                Kept<Real>* kept) {
   const Count n = model.size;
   read_state(members, n, sweep);
 
@@ -307,7 +306,7 @@ PIPEDYN_NOINLINE PowerParts<Real> accelerations(const ChainModel& model,
   Real at = all<Real>(-model.gravity * model.down[1]);
   Real an = all<Real>(-model.gravity * model.down[0]);
   if constexpr (outer == Outer::loads) {
-    const Driven<Real> driven = members.drive();
+    const Driven<Real> driven = drive_of(members);
     end_along = driven.vy;
     end_across = driven.vx;
     at += driven.ay;
@@ -451,8 +450,8 @@ Outer outer_of(const ChainModel& model, const Batch& batch) {
 }
 
 template <bool keep, class Real>
-PowerParts<Real> accelerations_of(const ChainModel& model, const Members<Real>& members,
-                                  Sweep<Real> sweep, double* rates, Kept<Real>* kept = nullptr) {
+PowerParts<Real> accelerations_of(const ChainModel& model, Members<Real> members, Sweep<Real> sweep,
+                                  double* rates, Kept<Real>* kept = nullptr) {
   switch (outer_of(model, members.batch)) {
     case Outer::loads:
       return accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, kept);

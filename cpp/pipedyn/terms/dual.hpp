@@ -192,11 +192,15 @@ inline void lane_by_lane(Real (&packs)[count], const Compute& compute) {
 /// Whether any lane is above a limit, or is not a number.
 template <class Real>
 inline bool any_beyond(const Real& x, double limit) {
-  double each[lanes<Real>];
-  store(each, x);
-  bool beyond = false;
-  for (const double one : each) beyond = beyond || !(one <= limit);
-  return beyond;
+  if constexpr (lanes<Real> == 1) {
+    return !(x <= limit);
+  } else {
+    const Bits inside = x <= limit;
+    std::int64_t each[width], all = -1;
+    std::memcpy(each, &inside, sizeof inside);
+    for (const std::int64_t one : each) all &= one;
+    return all == 0;
+  }
 }
 
 /// sqrt(x); its derivative is 0 where x is 0.
