@@ -731,8 +731,8 @@ class Branches : public pipedyn::Spectrum {
     return pairs.values.abs2();
   }
   pipedyn::Divergences divergences(double, bool) override { return {}; }
-  void numbers(std::vector<double>& found) const override {
-    found.assign(cubics_.data(), cubics_.data() + cubics_.size());
+  std::vector<double> numbers() const override {
+    return {cubics_.data(), cubics_.data() + cubics_.size()};
   }
   bool all_roots(double u, pipedyn::Values& roots) override {
     for (pipedyn::Complex& one : roots) one = refined(u, {one}, false).value;

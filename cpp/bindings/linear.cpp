@@ -301,10 +301,9 @@ void define_linear(py::module_& m) {
           "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
       .def(
           "by_recursion",
-          [](Eigenproblem& of, double u, Index count, bool vectors) {
-            std::optional<Pairs> found(std::in_place);
-            if (!of.by_recursion(u, count, vectors, *found)) found.reset();
-            return found;
+          [](Eigenproblem& of, double u, Index count, bool vectors) -> std::optional<Pairs> {
+            if (Pairs found; of.by_recursion(u, count, vectors, found)) return found;
+            return {};
           },
           "u"_a, "count"_a, "vectors"_a, Unlocked())
       .def(
