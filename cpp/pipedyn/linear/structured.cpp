@@ -330,7 +330,8 @@ void Structured::lowest(double u, Index count, bool left, bool high, Pairs& foun
 }
 
 void Structured::assume(double u, const Values& roots) {
-  Approximations starts;
+  Approximations& starts = memory_.starts;
+  starts.clear();
   for (const Complex value : roots) {
     const bool alone = traits.is_hysteretic() || value.imag() == 0.0;
     if (value.imag() >= 0.0 || alone) starts.push_back({value, alone, value == 0.0});
