@@ -158,9 +158,8 @@ def choice(name: str, value: Any, options: Collection[Word]) -> Word:
     """The value, refused unless it is one of a few words."""
     is_word = isinstance(value, str)
     if is_word and value in options:
-        if type(value) is str:
-            return value
-        return next(option for option in options if option == value)
+        plain = type(value) is str
+        return value if plain else next(option for option in options if option == value)
     listed = ", ".join(repr(option) for option in options)
     if not is_word:
         raise TypeError(f"{name} must be one of {listed}, got {shown(value)}")
