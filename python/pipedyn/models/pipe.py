@@ -710,7 +710,7 @@ class Pipe(Saved):
             pushes += max(-term.axial_load, 0.0)
         return pulls, pushes
 
-    @property
+    @cached_property
     def fed_at_rest(self) -> bool:
         """Whether a term may supply energy to small motions where there is no flow."""
         return any(one.supplies_energy for one in self.terms)
