@@ -278,7 +278,7 @@ std::unique_ptr<Determinant> PanelDeterminant::coarser(Index size) const {
 
 const PanelPencil::At& PanelDeterminant::at(double u) const {
   if (u != latest_speed_) {
-    latest_ = pencil_->at(u);
+    pencil_->at(u, latest_);
     latest_speed_ = u;
   }
   return latest_;

@@ -125,6 +125,10 @@ struct Pairs {
   Reals signatures = {};
 
   Index size() const { return values.size(); }
+  auto converged() const {
+    return values.binaryExpr(residual,
+                             [](Complex z, double lost) { return has_converged(z, lost); });
+  }
   Pair pair(Index i) const;
   /// Replaces entry k by entry i of others, with all that is known of that.
   void put(Index k, const Pairs& others, Index i);

@@ -307,13 +307,7 @@ bool Structured::by_recursion(double u, Index count, bool vectors, Pairs& found)
 }
 
 void Structured::lowest(double u, Index count, bool left, bool high, Pairs& found) {
-  const auto good = [](const Pairs& pairs) {
-    Index sum = 0;
-    for (Index i = 0; i < pairs.values.size(); ++i) {
-      sum += has_converged(pairs.values[i], pairs.residual[i]);
-    }
-    return sum;
-  };
+  const auto good = [](const Pairs& pairs) { return pairs.converged().count(); };
   count = std::min(count, 2 * traits.dof);
   factorised_ += 2;
   const bool is_known = by_recursion(u, count, high || traits.damped, found);
