@@ -24,6 +24,7 @@
 #include "pipedyn/linear/determinant_roots.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
 #include "pipedyn/linear/neighbours.hpp"
+#include "pipedyn/linear/structured.hpp"
 #include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/modular/systems.hpp"
 #include "pipedyn/motion/radau_coefficients.hpp"
@@ -39,6 +40,7 @@ using pipedyn::Matrix, pipedyn::Operators, pipedyn::Pipe, pipedyn::Segments, pip
 
 int checks = 0;
 int failures = 0;
+Index allocations = 0;  // where sanitizers count them
 std::string scene;
 
 /// a^-1 b by Gauss' elimination, in loops: Eigen's factorisations take longer to compile than all
@@ -731,8 +733,8 @@ class Branches : public pipedyn::Spectrum {
     return pairs.values.abs2();
   }
   pipedyn::Divergences divergences(double, bool) override { return {}; }
-  void numbers(std::vector<double>& found) const override {
-    found.assign(cubics_.data(), cubics_.data() + cubics_.size());
+  std::vector<double> numbers() const override {
+    return {cubics_.data(), cubics_.data() + cubics_.size()};
   }
   bool all_roots(double u, pipedyn::Values& roots) override {
     for (pipedyn::Complex& one : roots) one = refined(u, {one}, false).value;
@@ -774,6 +776,26 @@ void check_assignment() {
   }
 }
 
+/// Roots of a chain by its matrices.
+pipedyn::Values eigenvalues(const Chain& chain, double u) {
+  const Index n = chain.dof();
+  const Operators dense = chain.operators();
+  const pipedyn::ChainModel flow = chain.model();
+  const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0, thrust = flow.thrust[0] * u * u;
+  Matrix step = Matrix::Zero(2 * n, 2 * n);
+  step.topRightCorner(n, n).setIdentity();
+  step.bottomLeftCorner(n, n) = -solved<Matrix>(dense.mass, dense.stiffness + thrust * dense.flux);
+  step.bottomRightCorner(n, n) =
+      -solved<Matrix>(dense.mass, sign * u * (dense.gyroscopic + dense.end_flux) + dense.damping);
+  return Eigen::EigenSolver<Eigen::MatrixXd>(step, false).eigenvalues();
+}
+
+std::shared_ptr<const pipedyn::ChainDeterminant> determinant_of(const Chain& chain) {
+  return std::make_shared<pipedyn::ChainDeterminant>(
+      std::make_shared<const Chain>(chain), pipedyn::Complement(Matrix::Zero(chain.dof(), 0)),
+      pipedyn::Lapack{});
+}
+
 /// All eigenvalues of a chain's matrices pass the check that no root is missing, and no fewer; nor
 /// do they with one in place of another, or beside its own.
 void check_completeness() {
@@ -783,22 +805,12 @@ void check_completeness() {
     const Index n = 2 + trial % 9;
     const Chain chain(dice.pipe(trial % 3 == 0), dice.segments(n));
     const double u = dice.between(0.5, 8.0);
-    const Operators dense = chain.operators();
-    const pipedyn::ChainModel flow = chain.model();
-    const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0, thrust = flow.thrust[0] * u * u;
-    Matrix step = Matrix::Zero(2 * n, 2 * n);
-    step.topRightCorner(n, n).setIdentity();
-    step.bottomLeftCorner(n, n) =
-        -solved<Matrix>(dense.mass, dense.stiffness + thrust * dense.flux);
-    step.bottomRightCorner(n, n) =
-        -solved<Matrix>(dense.mass, sign * u * (dense.gyroscopic + dense.end_flux) + dense.damping);
-    const Eigen::EigenSolver<Eigen::MatrixXd> solver(step, false);
     pipedyn::Approximations roots;
-    for (const pipedyn::Complex value : solver.eigenvalues()) {
+    for (const pipedyn::Complex value : eigenvalues(chain, u)) {
       if (value.imag() >= 0.0) roots.push_back({value, value.imag() == 0.0});
     }
-    const pipedyn::ChainDeterminant of(std::make_shared<const Chain>(chain),
-                                       pipedyn::Complement(Matrix::Zero(n, 0)), pipedyn::Lapack{});
+    const auto determinant = determinant_of(chain);
+    const pipedyn::ChainDeterminant& of = *determinant;
     pipedyn::RootsMemory memory;
     check(pipedyn::correct(of, u, roots, memory), "eigenvalues are near the determinant's roots");
     check(pipedyn::roots_in(roots) == 2 * n, "as many roots as the matrices have");
@@ -811,6 +823,37 @@ void check_completeness() {
       check(!pipedyn::has_all(of, u, wrong, memory), "a root stands in place of another");
       wrong.erase(wrong.begin() + static_cast<std::ptrdiff_t>(k));
       check(!pipedyn::has_all(of, u, wrong, memory), "a root is missing");
+    }
+  }
+}
+
+/// Samples of a search take their memory from those before, and so does the next search.
+void check_memory() {
+  Dice dice;
+  for (const double damping : {0.0, 0.02}) {
+    scene = "memory, damping " + std::to_string(damping);
+    const Index n = 8;
+    const Segments segments = dice.segments(n);
+    std::unique_ptr<pipedyn::Structured> before;
+    for (const double beta : {0.2, 0.21, 0.22}) {
+      const Chain chain(Pipe{.beta = beta, .gamma = 10.0, .damping = damping}, segments);
+      const pipedyn::Traits traits{n, damping, 1e-6, damping > 0.0, false, false, damping == 0.0};
+      auto spectrum = std::make_unique<pipedyn::Structured>(traits, determinant_of(chain), 1.0);
+      if (before != nullptr) spectrum->reuse(*before);
+      spectrum->assume(2.0, eigenvalues(chain, 2.0));
+      std::shared_ptr<pipedyn::Sample> left;
+      const Index warm = before == nullptr ? 12 : 2;  // a search keeps the roots of eight samples
+      Index first = 0;
+      for (Index i = 0; i < warm + 12; ++i) {
+        if (i == warm) first = allocations;
+        std::shared_ptr<pipedyn::Sample> right = spectrum->unused_sample();
+        spectrum->sample(2.0 + 0.05 * static_cast<double>(i), 2 * n, *right);
+        left.swap(right);
+      }
+      const Index taken = allocations - first;
+      check(taken == 0, "further samples take " + std::to_string(taken) + " new pieces of memory");
+      check(left->size() == 2 * n && left->residual.maxCoeff() < 1e-12, "samples are right");
+      before = std::move(spectrum);
     }
   }
 }
@@ -983,6 +1026,9 @@ void check_threads() {
 
 }  // namespace
 
+/// Sanitizers call it. Eigen takes memory by malloc, which operator new would not see.
+extern "C" void __sanitizer_malloc_hook(const volatile void*, std::size_t) { ++allocations; }
+
 int main() {
   check_guides();
   check_motion();
@@ -992,6 +1038,7 @@ int main() {
   check_extremes();
   check_assignment();
   check_completeness();
+  check_memory();
   check_crossings();
   check_mending();
   check_threads();

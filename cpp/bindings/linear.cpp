@@ -129,11 +129,7 @@ void define_linear(py::module_& m) {
       .def_readonly("uncertain", &Pairs::uncertain)
       .def_readonly("slopes", &Pairs::slopes)
       .def_property_readonly("converged", [](const Pairs& pairs) {
-        Eigen::Array<bool, Eigen::Dynamic, 1> good(pairs.values.size());
-        for (Index i = 0; i < good.size(); ++i) {
-          good[i] = has_converged(pairs.values[i], pairs.residual[i]);
-        }
-        return good;
+        return Eigen::Array<bool, Eigen::Dynamic, 1>(pairs.converged());
       });
   py::class_<Forms>(m, "Forms")
       .def(py::init<Complex, Complex, Complex, Complex, Complex, Complex, ComplexVector>(),
@@ -301,10 +297,9 @@ void define_linear(py::module_& m) {
           "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
       .def(
           "by_recursion",
-          [](Eigenproblem& of, double u, Index count, bool vectors) {
-            std::optional<Pairs> found(std::in_place);
-            if (!of.by_recursion(u, count, vectors, *found)) found.reset();
-            return found;
+          [](Eigenproblem& of, double u, Index count, bool vectors) -> std::optional<Pairs> {
+            if (Pairs found; of.by_recursion(u, count, vectors, found)) return found;
+            return {};
           },
           "u"_a, "count"_a, "vectors"_a, Unlocked())
       .def(

@@ -279,10 +279,9 @@ PanelPencil PanelPencil::coarser(Index size) const {
                        pipe_)};
 }
 
-PanelPencil::At PanelPencil::made(const PencilEntry (&factors)[parts]) const {
-  At found;
+void PanelPencil::make(const PencilEntry (&factors)[parts], At& found) const {
   const Index wide = 2 * band_ + 1;
-  found.entries.resize(static_cast<std::size_t>(joints_.rows() * wide));
+  found.entries.assign(static_cast<std::size_t>(joints_.rows() * wide), {});
   found.panels = panels_;
   for (EliminationPanel& panel : found.panels) {
     PencilEntry* const entries = found.entries.data() + panel.first * wide;
@@ -306,10 +305,9 @@ PanelPencil::At PanelPencil::made(const PencilEntry (&factors)[parts]) const {
   }
   found.model = {found.panels.data(),      static_cast<Index>(panels_.size()), band_, size_, turns_,
                  turns_ ? pipe_.root : 0.0};
-  return found;
 }
 
-PanelPencil::At PanelPencil::at(double u) const {
+void PanelPencil::at(double u, At& found) const {
   const double thrust = pipe_.end_coefficient * u;
   PencilEntry factors[parts];
   factors[elastic] = {.stiffness = 1.0, .hysteretic = pipe_.hysteresis, .damping = pipe_.damping};
@@ -319,7 +317,7 @@ PanelPencil::At PanelPencil::at(double u) const {
   factors[velocity] = {.damping = u, .damping_by_speed = 1.0};
   factors[resistance].damping = 1.0;
   factors[mass].mass = 1.0;
-  return made(factors);
+  make(factors, found);
 }
 
 PanelPencil::At PanelPencil::by_squared_speed() const {
@@ -327,7 +325,9 @@ PanelPencil::At PanelPencil::by_squared_speed() const {
   factors[elastic].stiffness = factors[Part::rest].stiffness = 1.0;
   factors[gravity].stiffness = pipe_.down()[1] * pipe_.gamma;
   factors[flux].damping = pipe_.end_coefficient;
-  return made(factors);
+  At found;
+  make(factors, found);
+  return found;
 }
 
 Matrix PanelPencil::times(const Matrix& x, const LinearPart& of) const {

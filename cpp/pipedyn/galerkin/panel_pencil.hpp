@@ -47,7 +47,7 @@ class PanelPencil {
     std::vector<EliminationPanel> panels;
     EliminationModel model;
   };
-  At at(double u) const;
+  void at(double u, At& found) const;
   /// Input of the elimination for the square s of the speed as the unknown: K + s A.
   At by_squared_speed() const;
 
@@ -81,7 +81,7 @@ class PanelPencil {
   /// The motion z of all panels for coordinates x, (rows, r).
   Matrix along(const Matrix& x) const;
   /// factors: those of each part in the entries of the pencil.
-  At made(const PencilEntry (&factors)[parts]) const;
+  void make(const PencilEntry (&factors)[parts], At& found) const;
 };
 
 }  // namespace pipedyn

@@ -224,9 +224,10 @@ std::pair<Matrix, double> ChainDeterminant::matrix(const LinearPart& part) const
           every.norm()};
 }
 
-void ChainDeterminant::numbers(std::vector<double>& found) const {
+std::vector<double> ChainDeterminant::numbers() const {
   const ChainModel model = chain_->model();
-  found.assign({model.coriolis, model.entry, model.thrust[0], model.guided ? 1.0 : 0.0});
+  std::vector<double> found{model.coriolis, model.entry, model.thrust[0], model.guided ? 1.0 : 0.0};
+  found.reserve(64);
   for (std::ptrdiff_t j = 0; j < model.size; ++j) {
     const StiffnessSegment& at = model.dynamic_stiffnesses[j];
     found.push_back(at.repeats ? 1.0 : 0.0);
@@ -237,6 +238,7 @@ void ChainDeterminant::numbers(std::vector<double>& found) const {
     found.insert(found.end(), {at.length, at.joint_hysteresis, at.moment_hysteresis,
                                at.held ? 1.0 : 0.0, at.loaded ? 1.0 : 0.0});
   }
+  return found;
 }
 
 StaticDeterminants ChainDeterminant::static_determinants(const Values& u) const {
@@ -276,7 +278,7 @@ std::unique_ptr<Determinant> PanelDeterminant::coarser(Index size) const {
 
 const PanelPencil::At& PanelDeterminant::at(double u) const {
   if (u != latest_speed_) {
-    latest_ = pencil_->at(u);
+    pencil_->at(u, latest_);
     latest_speed_ = u;
   }
   return latest_;

@@ -85,7 +85,7 @@ class Determinant {
   Reals quotients(double u, const ComplexTable& vectors) const;
 
   /// The numbers of the model, as in `Spectrum::numbers`.
-  virtual void numbers(std::vector<double>&) const {}
+  virtual std::vector<double> numbers() const { return {}; }
 
   /// a, the factor of u^2 in K(u).
   virtual double thrust() const = 0;
@@ -144,7 +144,7 @@ class ChainDeterminant : public Determinant {
   std::pair<Matrix, double> matrix(const LinearPart& part) const override;
   bool is_pivoted() const override { return false; }
   bool turns_freely() const override { return chain_->turns_freely(); }
-  void numbers(std::vector<double>& found) const override;
+  std::vector<double> numbers() const override;
   double thrust() const override { return chain_->model().thrust[0]; }
   StaticDeterminants static_determinants(const Values& u) const override;
   int negative_at_rest() const override;

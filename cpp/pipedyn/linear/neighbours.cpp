@@ -214,22 +214,20 @@ class Neighbours {
 
   /// The first loss of stability of a pipe at a place between two that are alike; none if it is not
   /// as they let one expect.
-  std::optional<Sweep> between(Spectrum& spectrum, double share) {
+  std::optional<Sweep> between(Spectrum& spectrum, double share) const {
     const Index count = static_cast<Index>(roots_.size());
-    starts_.resize(count);
-    for (Index i = 0; i < count; ++i) {
-      starts_[i] = on_line(roots_[i].first, roots_[i].second, share);
-    }
-    there_ = starts_;
-    if (!spectrum.all_roots(low_, there_)) return {};
-    const Complex start = starts_[flutters_];
+    Values starts(count);
+    for (Index i = 0; i < count; ++i) starts[i] = on_line(roots_[i].first, roots_[i].second, share);
+    Values there = starts;
+    if (!spectrum.all_roots(low_, there)) return {};
+    const Complex start = starts[flutters_];
     double room = 2.0 * start.imag();  // distance from all other roots
     for (Index i = 0; i < count; ++i) {
       const auto& [a, b] = roots_[i];
       const bool own = i == flutters_;
       const double least = own ? 1e-9 * (1.0 + magnitude(a)) : 0.5 * std::min(-a.real(), -b.real());
-      if (!(there_[i].real() < -least)) return {};
-      if (!own) room = std::min(room, magnitude(starts_[i] - start));
+      if (!(there[i].real() < -least)) return {};
+      if (!own) room = std::min(room, magnitude(starts[i] - start));
     }
     const auto is_there = [&](Complex value, Complex wanted) {
       return magnitude(value - wanted) < alike * room;
@@ -240,7 +238,7 @@ class Neighbours {
     const double tolerance = 1e-6 * (1.0 + magnitude(value)), error = error_of(pair);
     const bool good = u > low_ && u < high_ && pair.converged() && pair.slope.real() > 0.0 &&
                       std::abs(pair.value.real()) <= tolerance && error <= largest_error * u &&
-                      is_there(there_[flutters_], start) && is_there(pair.value, value) &&
+                      is_there(there[flutters_], start) && is_there(pair.value, value) &&
                       std::abs(u - expected) < alike * (high_ - low_);
     if (!good) return {};
     const Complex passes(0.0, std::abs(pair.value.imag()));
@@ -305,7 +303,6 @@ class Neighbours {
   // Roots of both at its start, of conjugates the upper ones, and which of them flutters.
   std::vector<std::pair<Complex, Complex>> roots_;
   Index flutters_ = -1;
-  Values starts_, there_;  // memory of `between`
 };
 
 class Together {
@@ -326,16 +323,14 @@ class Together {
   void begin(Index i) {
     begins_(i);
     const Index before = std::exchange(latest_, i);
-    if (before < 0 || found_[before].untracked) return;
-    const bool fits = spectra_[before]->traits.dof == spectra_[i]->traits.dof;
-    if (fits && spectra_[before] != spectra_[i]) spectra_[i]->reuse(*spectra_[before]);
+    if (before >= 0 && !found_[before].untracked) spectra_[i]->reuse(*spectra_[before]);
   }
 
   Searched searched(Index i) {
     Searched done;
     begin(i);
     const bool is_shared = shares(i) && is_on_line(i);
-    if (is_shared) spectra_[i]->numbers(done.numbers);
+    if (is_shared) done.numbers = spectra_[i]->numbers();
     Trace* const trace = done.numbers.empty() ? nullptr : &done.trace;
     found_[i] = crossings(*spectra_[i], ranges_[i], report_, trace);
     if (trace != nullptr) done.sweep = found_[i];
@@ -353,16 +348,14 @@ class Together {
 
   /// Whether a pipe is the first, the middle or the last of five on a line, in order. Steps of
   /// others need not be kept: their neighbours seldom share them.
-  bool is_on_line(Index i) {
+  bool is_on_line(Index i) const {
     for (const Index first : {i - 2, i, i - 4}) {
       if (first < 0 || first + 4 >= static_cast<Index>(spectra_.size())) continue;
-      spectra_[first]->numbers(first_);
-      spectra_[first + 4]->numbers(last_);
+      const auto one = spectra_[first]->numbers(), other = spectra_[first + 4]->numbers();
       double last = 0.0;
       bool in_order = true;
       for (Index k = first + 1; in_order && k < first + 4; ++k) {
-        spectra_[k]->numbers(numbers_);
-        const double next = place(numbers_, first_, last_).value_or(-1.0);
+        const double next = place(spectra_[k]->numbers(), one, other).value_or(-1.0);
         in_order = next >= std::exchange(last, next);
       }
       if (in_order) return true;
@@ -370,10 +363,9 @@ class Together {
     return false;
   }
 
-  std::optional<double> place_of(Index i, const Searched& one, const Searched& other) {
+  std::optional<double> place_of(Index i, const Searched& one, const Searched& other) const {
     if (!shares(i)) return {};
-    spectra_[i]->numbers(numbers_);
-    return place(numbers_, one.numbers, other.numbers);
+    return place(spectra_[i]->numbers(), one.numbers, other.numbers);
   }
 
   /// Searches the pipes between two that were searched.
@@ -405,8 +397,7 @@ class Together {
   const std::function<void(Index)>& begins_;
   const std::function<void()>& report_;
   const std::span<Sweep> found_;
-  Index latest_ = -1;                           // the search that began last
-  std::vector<double> numbers_, first_, last_;  // numbers of models
+  Index latest_ = -1;  // the search that began last
 };
 
 }  // namespace

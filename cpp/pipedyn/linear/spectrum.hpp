@@ -125,6 +125,10 @@ struct Pairs {
   Reals signatures = {};
 
   Index size() const { return values.size(); }
+  auto converged() const {
+    return values.binaryExpr(residual,
+                             [](Complex z, double lost) { return has_converged(z, lost); });
+  }
   Pair pair(Index i) const;
   /// Replaces entry k by entry i of others, with all that is known of that.
   void put(Index k, const Pairs& others, Index i);
@@ -176,7 +180,7 @@ class Spectrum {
     }
     return samples_.emplace_back(std::make_shared<Sample>());
   }
-  /// Takes over the memory of a spectrum of the same size that is not sampled any more.
+  /// Takes over memory of a spectrum that is not sampled any more.
   virtual void reuse(Spectrum& other) { samples_.swap(other.samples_); }
 
   /// y^H A x of a root's vectors, for models whose parts A are known here.
@@ -216,9 +220,9 @@ class Spectrum {
   virtual Spectrum& without_loss() { return without_loss_ == nullptr ? *this : *without_loss_; }
   void set_without_loss(std::shared_ptr<Spectrum> other) { without_loss_ = std::move(other); }
 
-  /// Writes the numbers on which all roots depend continuously, in an order that is the same for
-  /// all models of one kind and size; none where they are not known.
-  virtual void numbers(std::vector<double>& found) const { found.clear(); }
+  /// The numbers on which all roots depend continuously, in an order that is the same for all
+  /// models of one kind and size; none where they are not known.
+  virtual std::vector<double> numbers() const { return {}; }
 
   /// Corrects starts for all roots at a speed, of each conjugate pair the upper one; returns
   /// whether they lead to all of them.

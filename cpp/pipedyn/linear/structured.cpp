@@ -35,8 +35,6 @@ constexpr int most_assumed = 40;
 /// Dense starts in flow are sums of modes at rest: half as many modes as roots are wanted, and this
 /// many more. For a chain of 264 segments held at both ends that takes a seventh of the time.
 constexpr Index modes_beyond = 12;
-/// Number of samples whose roots are kept: steps are halved from the right, and go on from there.
-constexpr std::size_t most_known = 8;
 /// Ratio of the magnitudes of neighbouring roots beyond which a gap is as good as any; next to zero
 /// roots it is infinite.
 constexpr double widest_needed = 10.0;
@@ -186,14 +184,15 @@ bool Structured::from(Approximations& roots, double u, Index count, bool vectors
   if (!traits.is_hysteretic()) join_conjugates(roots, all.values, memory_.some);
   all.noise = all.slope_noise = all.signatures = all.uncertain;  // room for those of a sample
   if (!with_conjugates(roots, count, found)) return false;
-  std::vector<Known>& known = memory_.samples;
-  if (known.size() < most_known && (known.empty() || known[0].u != infinite))
-    known.emplace_back();
-  else
-    std::ranges::rotate(known, known.begin() + 1);
-  std::tie(known.back().u, known.back().most) = std::pair(u, most_near);
-  known.back().roots.swap(roots);
+  keep(u, roots, most_near);
   return true;
+}
+
+void Structured::keep(double u, Approximations& roots, int most) {
+  std::ranges::rotate(memory_.samples, memory_.samples.begin() + 1);
+  Known& latest = memory_.samples.back();
+  std::tie(latest.u, latest.most) = std::tie(u, most);
+  latest.roots.swap(roots);
 }
 
 /// The `count` lowest of the refined roots `memory_.some` and of the conjugates that they imply,
@@ -241,12 +240,12 @@ Approximations Structured::starts_of(const DenseOperator& p, double u,
 const Structured::Known* Structured::nearest_known(double u) const {
   const auto apart = [u](const Known& one) { return std::abs(u - one.u); };
   const auto near = std::ranges::min_element(memory_.samples, {}, apart);
-  return near == memory_.samples.end() || near->u == infinite ? nullptr : &*near;
+  return near->u == infinite ? nullptr : &*near;
 }
 
 void Structured::reuse(Spectrum& other) {
   auto* const same = dynamic_cast<Structured*>(&other);
-  if (same == nullptr) return;
+  if (same == nullptr || same == this || same->traits.dof != traits.dof) return;
   Spectrum::reuse(other);
   std::swap(memory_, same->memory_);
   for (Known& one : memory_.samples) one.u = infinite;
@@ -270,9 +269,8 @@ bool Structured::by_recursion(double u, Index count, bool vectors, Pairs& found)
   if (from_known(u, count, vectors, found)) return true;
   // Roots that are too far away are followed half way first.
   const Known* const near = nearest_known(u);
-  if (near != nullptr && from_known(0.5 * (near->u + u), count, false, found)) {
-    if (from_known(u, count, vectors, found)) return true;
-  }
+  const bool is_near = near != nullptr && from_known(0.5 * (near->u + u), count, false, found);
+  if (is_near && from_known(u, count, vectors, found)) return true;
   for (Index size = coarsest;; size *= 3) {
     const bool own = 2 * size > n || (u == 0.0 && knows_modes());
     if ((own ? n : size) > dense_limit) return false;
@@ -309,13 +307,7 @@ bool Structured::by_recursion(double u, Index count, bool vectors, Pairs& found)
 }
 
 void Structured::lowest(double u, Index count, bool left, bool high, Pairs& found) {
-  const auto good = [](const Pairs& pairs) {
-    Index sum = 0;
-    for (Index i = 0; i < pairs.values.size(); ++i) {
-      sum += has_converged(pairs.values[i], pairs.residual[i]);
-    }
-    return sum;
-  };
+  const auto good = [](const Pairs& pairs) { return pairs.converged().count(); };
   count = std::min(count, 2 * traits.dof);
   factorised_ += 2;
   const bool is_known = by_recursion(u, count, high || traits.damped, found);
@@ -332,18 +324,19 @@ void Structured::lowest(double u, Index count, bool left, bool high, Pairs& foun
 }
 
 void Structured::assume(double u, const Values& roots) {
-  Approximations starts;
+  Approximations& starts = memory_.starts;
+  starts.clear();
   for (const Complex value : roots) {
     const bool alone = traits.is_hysteretic() || value.imag() == 0.0;
     if (value.imag() >= 0.0 || alone) starts.push_back({value, alone, value == 0.0});
   }
-  memory_.samples.push_back({u, std::move(starts), most_assumed});
+  keep(u, starts, most_assumed);
 }
 
-void Structured::numbers(std::vector<double>& found) const {
-  found.clear();
-  of_->numbers(found);
+std::vector<double> Structured::numbers() const {
+  std::vector<double> found = of_->numbers();
   if (!found.empty()) found.push_back(traits.damped ? 1.0 : 0.0);
+  return found;
 }
 
 bool Structured::all_roots(double u, Values& values) {

@@ -46,7 +46,7 @@ class Structured : public Eigenproblem {
   /// by its log-derivative on the circle, in O(n) for each point.
   Divergences divergences(double max_speed, bool first) override;
   std::optional<Divergence> divergence_near(double guess, double reach) override;
-  void numbers(std::vector<double>& found) const override;
+  std::vector<double> numbers() const override;
   bool all_roots(double u, Values& roots) override;
   void reuse(Spectrum& other) override;
 
@@ -60,14 +60,15 @@ class Structured : public Eigenproblem {
   const Index zeros_at_rest_, zeros_in_flow_;
 
   struct Known {
-    double u;  // infinite where no roots are known
-    Approximations roots;
-    int most;  // most corrections that take them to another speed
+    double u = infinite;  // where no roots are known
+    Approximations roots = {};
+    int most = 0;  // most corrections that take them to another speed
   };
 
   /// Memory that samples use one after the other.
   struct Memory : RootsMemory {
-    std::vector<Known> samples;  // roots of the last samples
+    // Roots of the last samples: steps are halved from the right, and go on from there.
+    std::vector<Known> samples = std::vector<Known>(8);
     Approximations starts;
     Pairs refined, again;  // all roots, and poor ones that are computed once more
     Values values;
@@ -77,7 +78,9 @@ class Structured : public Eigenproblem {
   mutable Memory memory_;
 
   const Known* nearest_known(double u) const;
-  /// Takes starts to roots, which it keeps in place of others, whose memory it leaves there.
+  /// Keeps roots in place of the oldest, whose memory it leaves there.
+  void keep(double u, Approximations& roots, int most);
+  /// Takes starts to roots, which it keeps.
   bool from(Approximations& starts, double u, Index count, bool vectors, int most_corrections,
             Pairs& found);
   bool with_conjugates(const Approximations& roots, Index count, Pairs& found) const;

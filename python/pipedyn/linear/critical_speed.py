@@ -745,7 +745,7 @@ class _Search:
     @property
     def is_possible(self) -> bool:
         """Whether the roots to compute are few enough, or the model is small enough for all."""
-        dof = self.model.dof
+        dof = self.problem.dof
         fit = self.count <= min(LARGEST_FULL, LARGEST_VECTORS // dof)
         return fit or dof <= LARGEST_FULL
 

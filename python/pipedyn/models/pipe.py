@@ -673,7 +673,7 @@ class Pipe(Saved):
         across, along = (0.0 if abs(x) < 1e-15 else x for x in both)
         return across, along
 
-    @property
+    @cached_property
     def axial_gravity(self) -> float:
         """Weight per length along the clamp's axis, in EI / L^3."""
         return self.gamma * self.down[1]
@@ -699,7 +699,7 @@ class Pipe(Saved):
         root = self.root.across() if isinstance(self.root, RootSpring) else self.root
         return replace(self, terms=tuple(term.across() for term in self.terms), root=root)
 
-    @property
+    @cached_property
     def axial_loads(self) -> tuple[float, float]:
         """Sums of the terms' loads that stretch the straight pipe and that compress it, >= 0."""
         pulls, pushes = 0.0, 0.0
@@ -708,7 +708,7 @@ class Pipe(Saved):
             pushes += max(-term.axial_load, 0.0)
         return pulls, pushes
 
-    @property
+    @cached_property
     def fed_at_rest(self) -> bool:
         """Whether a term may supply energy to small motions where there is no flow."""
         return any(one.supplies_energy for one in self.terms)

@@ -6,9 +6,10 @@ from __future__ import annotations
 import math
 import operator
 import reprlib
+import sys
 from collections.abc import Collection, Mapping
 from numbers import Integral, Real
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,8 +159,8 @@ def choice(name: str, value: Any, options: Collection[Word]) -> Word:
     """The value, refused unless it is one of a few words."""
     is_word = isinstance(value, str)
     if is_word and value in options:
-        found = value if type(value) is str else next(one for one in options if one == value)
-        return cast("Word", found)
+        plain = type(value) is str
+        return value if plain else next(option for option in options if option == value)
     listed = ", ".join(repr(option) for option in options)
     if not is_word:
         raise TypeError(f"{name} must be one of {listed}, got {shown(value)}")
@@ -246,19 +247,21 @@ def numbers(
 
     if is_quantity(value):  # numpy would drop its unit
         raise wrong()
+    masks = sys.modules.get("numpy.ma")  # loading it takes 8 ms, and without it no array is masked
     too_long = isinstance(value, range) and bool(value[longest:])
     try:  # a range, which takes no memory, may be endless
         listed = np.array(value if isinstance(value, list | tuple) else (), dtype=object)
-        if any(isinstance(part, NOT_NUMBERS) or part is np.ma.masked for part in listed.flat):
+        refused = (*NOT_NUMBERS, type(masks.masked)) if masks else NOT_NUMBERS
+        if any(isinstance(part, refused) for part in listed.flat):
             raise TypeError  # numpy would convert them to numbers
         raw = np.asarray(None if too_long else value)
     except (ValueError, TypeError, OverflowError, MemoryError):  # lists that are uneven or endless
         raise wrong() from None
     if too_long or raw.size > longest:
         raise ValueError(f"{name} must have at most {longest} entries, got {shown(value)}")
-    if np.ma.is_masked(value):
-        masked = np.count_nonzero(np.ma.getmaskarray(value))
-        raise ValueError(f"{name} must not be masked, got {masked} masked of {raw.size} entries")
+    if masks and masks.is_masked(value):
+        hidden = np.count_nonzero(masks.getmaskarray(value))
+        raise ValueError(f"{name} must not be masked, got {hidden} masked of {raw.size} entries")
     if raw.dtype.kind == "O" and all(_is_real(part) for part in raw.flat):
         parts = [real(name, part) for part in raw.flat]  # fractions, whole numbers beyond 64 bits
         raw = np.array(parts, dtype=np.float64).reshape(raw.shape)
