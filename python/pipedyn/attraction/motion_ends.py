@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -110,9 +111,9 @@ UNTIL_SETTLED = 10.0
 """Time in which the difference of neighbours turns to the direction of fastest growth, before an
 exponent is measured: along the record of a motion, unless that is too short."""
 
-RECORD_EXTENSIONS = 1.0, 2.0, 4.0
-"""Factors of the usual time for which a motion is recorded and its exponent measured, one after the
-other, until the exponent or averages over the record show what the motion is."""
+RECORD_EXTENSIONS = 0.0, 1.0, 2.0, 4.0
+"""Factors of the usual time up to which a motion is recorded and its exponent measured, one after
+the other, until the exponent or averages over the record show what the motion is."""
 
 TORUS_TOLERANCE = 1e-8
 """Largest relative tolerance of these records, whose averages may converge to that."""
@@ -270,6 +271,7 @@ class _Run:
     approach: Approach = field(default_factory=Approach)  # approach to a known solution
     leader: _Run | None = None  # motion that it joined
     join_time: float = math.inf  # time from which it goes on as that motion, if it ever does
+    exponent: LyapunovExponent | None = None  # as measured so far
     record: Stretch = field(init=False)
     sizes: Array = field(init=False)  # sizes of positions and rates, for the errors of steps
 
@@ -486,13 +488,19 @@ class _Engine:
             left, runs = self.classify(self.advance(runs, self.tolerance, before, duration), over)
             joining = self.join(left)
             left = [run for run in left if run not in joining]
-            for times in RECORD_EXTENSIONS:
+            for done, times in pairwise(RECORD_EXTENSIONS):
+                # Records of motions that may turn about the axis are turned, each by itself.
+                goes_on = bool(left) and done > 0.0 and not left[0].case.motion.axisymmetric
+                more = times - done if goes_on else times
                 if options.exponents:
-                    length = drive.whole(RECORD_FACTOR * times * duration)
-                    longer = self.advance(left, min(self.tolerance, TORUS_TOLERANCE), 0.0, length)
-                    left, on = self.classify(longer, over)
+                    length = drive.whole(RECORD_FACTOR * more * duration)
+                    known = {run: run.record for run in left if goes_on}
+                    left = self.advance(left, min(self.tolerance, TORUS_TOLERANCE), 0.0, length)
+                    for run in known.keys() & set(left):
+                        run.record = known[run].followed_by(run.record)
+                    left, on = self.classify(left, over)
                     runs += on
-                left = self.name(left, times)
+                left = self.name(left, more, times == RECORD_EXTENSIONS[-1])
 
     def classify(self, runs: list[_Run], over: bool) -> tuple[list[_Run], list[_Run]]:
         """Motions to be named, and motions that go on, after a record of motions.
@@ -543,14 +551,15 @@ class _Engine:
         attracts = not runs and all(number == 0 for number, _ in trial.ends.values())
         return replace(one, attracts=attracts)
 
-    def name(self, runs: list[_Run], times: float) -> list[_Run]:
+    def name(self, runs: list[_Run], more: float, last: bool) -> list[_Run]:
         """Names motions by exponents and records; returns those that need longer records.
 
-        times: factor of the usual time over which an exponent is measured.
+        more: factor of the usual time over which growth is measured, beyond what was measured
+        before; last: whether there are no longer records.
         """
         exponents: dict[_Run, LyapunovExponent | MotionStopped] = {}
         irregular = [run for run in runs if not run.comes_nearer]
-        duration = 2.0 * times * self.options.duration
+        duration = 2.0 * more * self.options.duration
         if self.options.exponents and irregular:
             drive, t = irregular[0].case.drive, irregular[0].record.t
             every = round(drive.whole(0.5) / float(t[1]))
@@ -570,6 +579,9 @@ class _Engine:
                 driven=bool(drive.period),
             )
             exponents = dict(zip(irregular, measured, strict=True))
+            for run, found in exponents.items():
+                if isinstance(found, LyapunovExponent) and run.exponent is not None:
+                    exponents[run] = run.exponent.followed_by(found)
         doubtful = list[_Run]()
         for run in runs:
             exponent, drive = exponents.get(run), run.case.drive
@@ -591,7 +603,8 @@ class _Engine:
                 ending = "chaotic"
             elif exponent.value <= min(exponent.spread, shear) and run.record.averages_converge():
                 ending = "quasi-periodic"
-            elif times < RECORD_EXTENSIONS[-1]:
+            elif not last:
+                run.exponent = exponent
                 doubtful.append(run)
                 continue
             else:
