@@ -271,7 +271,6 @@ class _Run:
     approach: Approach = field(default_factory=Approach)  # approach to a known solution
     leader: _Run | None = None  # motion that it joined
     join_time: float = math.inf  # time from which it goes on as that motion, if it ever does
-    exponent: LyapunovExponent | None = None  # as measured so far
     record: Stretch = field(init=False)
     sizes: Array = field(init=False)  # sizes of positions and rates, for the errors of steps
 
@@ -491,8 +490,8 @@ class _Engine:
             for done, times in pairwise(RECORD_EXTENSIONS):
                 # Records of motions that may turn about the axis are turned, each by itself.
                 goes_on = bool(left) and done > 0.0 and not left[0].case.motion.axisymmetric
-                more = times - done if goes_on else times
                 if options.exponents:
+                    more = times - done if goes_on else times
                     length = drive.whole(RECORD_FACTOR * more * duration)
                     known = {run: run.record for run in left if goes_on}
                     left = self.advance(left, min(self.tolerance, TORUS_TOLERANCE), 0.0, length)
@@ -500,7 +499,7 @@ class _Engine:
                         run.record = known[run].followed_by(run.record)
                     left, on = self.classify(left, over)
                     runs += on
-                left = self.name(left, more, times == RECORD_EXTENSIONS[-1])
+                left = self.name(left, times)
 
     def classify(self, runs: list[_Run], over: bool) -> tuple[list[_Run], list[_Run]]:
         """Motions to be named, and motions that go on, after a record of motions.
@@ -551,15 +550,14 @@ class _Engine:
         attracts = not runs and all(number == 0 for number, _ in trial.ends.values())
         return replace(one, attracts=attracts)
 
-    def name(self, runs: list[_Run], more: float, last: bool) -> list[_Run]:
+    def name(self, runs: list[_Run], times: float) -> list[_Run]:
         """Names motions by exponents and records; returns those that need longer records.
 
-        more: factor of the usual time over which growth is measured, beyond what was measured
-        before; last: whether there are no longer records.
+        times: factor of the usual time over which an exponent is measured.
         """
         exponents: dict[_Run, LyapunovExponent | MotionStopped] = {}
         irregular = [run for run in runs if not run.comes_nearer]
-        duration = 2.0 * more * self.options.duration
+        duration = 2.0 * times * self.options.duration
         if self.options.exponents and irregular:
             drive, t = irregular[0].case.drive, irregular[0].record.t
             every = round(drive.whole(0.5) / float(t[1]))
@@ -579,9 +577,6 @@ class _Engine:
                 driven=bool(drive.period),
             )
             exponents = dict(zip(irregular, measured, strict=True))
-            for run, found in exponents.items():
-                if isinstance(found, LyapunovExponent) and run.exponent is not None:
-                    exponents[run] = run.exponent.followed_by(found)
         doubtful = list[_Run]()
         for run in runs:
             exponent, drive = exponents.get(run), run.case.drive
@@ -603,8 +598,7 @@ class _Engine:
                 ending = "chaotic"
             elif exponent.value <= min(exponent.spread, shear) and run.record.averages_converge():
                 ending = "quasi-periodic"
-            elif not last:
-                run.exponent = exponent
+            elif times < RECORD_EXTENSIONS[-1]:
                 doubtful.append(run)
                 continue
             else:

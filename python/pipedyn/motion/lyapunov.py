@@ -96,14 +96,6 @@ class LyapunovExponent(
         """Whether the value is above 0 by more than three times its spread."""
         return self.value > 3.0 * self.spread
 
-    def followed_by(self, later: LyapunovExponent) -> LyapunovExponent:
-        """The exponent over two times of one motion, or the later one if that is beyond doubt."""
-        if later.value > BEYOND_DOUBT * later.spread:
-            return later
-        both = (np.diff(one.t * one.history, prepend=0.0) for one in (self, later))
-        growth, blocks = np.concatenate([*both]), self.blocks.size
-        return _from_growth(growth, float(self.t[0]), blocks, later.end, later.pipe)
-
     def _columns(self) -> dict[str, Any]:
         return {"t": self.t, "history": self.history}
 
