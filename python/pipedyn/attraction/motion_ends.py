@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import pairwise
 
 import numpy as np
 
@@ -111,9 +110,9 @@ UNTIL_SETTLED = 10.0
 """Time in which the difference of neighbours turns to the direction of fastest growth, before an
 exponent is measured: along the record of a motion, unless that is too short."""
 
-RECORD_EXTENSIONS = 0.0, 1.0, 2.0, 4.0
-"""Factors of the usual time up to which a motion is recorded and its exponent measured, one after
-the other, until the exponent or averages over the record show what the motion is."""
+RECORD_EXTENSIONS = 1.0, 2.0, 4.0
+"""Factors of the usual time for which a motion is recorded and its exponent measured, one after the
+other, until the exponent or averages over the record show what the motion is."""
 
 TORUS_TOLERANCE = 1e-8
 """Largest relative tolerance of these records, whose averages may converge to that."""
@@ -487,17 +486,11 @@ class _Engine:
             left, runs = self.classify(self.advance(runs, self.tolerance, before, duration), over)
             joining = self.join(left)
             left = [run for run in left if run not in joining]
-            for done, times in pairwise(RECORD_EXTENSIONS):
-                # Records of motions that may turn about the axis are turned, each by itself.
-                goes_on = bool(left) and done > 0.0 and not left[0].case.motion.axisymmetric
+            for times in RECORD_EXTENSIONS:
                 if options.exponents:
-                    more = times - done if goes_on else times
-                    length = drive.whole(RECORD_FACTOR * more * duration)
-                    known = {run: run.record for run in left if goes_on}
-                    left = self.advance(left, min(self.tolerance, TORUS_TOLERANCE), 0.0, length)
-                    for run in known.keys() & set(left):
-                        run.record = known[run].followed_by(run.record)
-                    left, on = self.classify(left, over)
+                    length = drive.whole(RECORD_FACTOR * times * duration)
+                    longer = self.advance(left, min(self.tolerance, TORUS_TOLERANCE), 0.0, length)
+                    left, on = self.classify(longer, over)
                     runs += on
                 left = self.name(left, times)
 

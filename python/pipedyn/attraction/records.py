@@ -8,7 +8,7 @@ through samples. A motion at rest has none, a cycle has a few values, a torus or
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Literal
@@ -62,14 +62,6 @@ class Stretch:
     rtol: float
     drive: float = 0.0
     axisymmetric: bool = False
-
-    def followed_by(self, later: Stretch) -> Stretch:
-        """This stretch and the one that begins where it ends, as one."""
-        names = "states", "x", "velocity"
-        both = {
-            name: np.concatenate([getattr(self, name), getattr(later, name)[1:]]) for name in names
-        }
-        return replace(later, t=np.append(self.t, self.t[-1] + later.t[1:]), **both)
 
     @cached_property
     def turnings(self) -> Array:
