@@ -364,12 +364,33 @@ def test_the_nearest_of_many_points_is_scipys(count, n):
     nearest, tree = _core.NearestPoint(points), scipy.spatial.cKDTree(points)
     for most in (0.5, 1.5, np.inf):
         distances, _ = tree.query(states, distance_upper_bound=most)
-        found = nearest(states, most)
+        away, found = nearest(states, most)
         assert np.array_equal(found < 0, ~np.isfinite(distances))
         at = np.flatnonzero(found >= 0)
         apart = np.linalg.norm(states[at] - points[found[at]], axis=1)
         np.testing.assert_allclose(apart, distances[at], rtol=1e-14)
-    assert nearest(points, np.inf).shape == (count,)
-    assert nearest(np.full((1, n), np.nan), np.inf).tolist() == [-1]
+        np.testing.assert_array_equal(away[at], states[at] - points[found[at]])
+        assert np.isinf(away[found < 0]).all()
+    away, found = nearest(np.full((1, n), np.nan), np.inf)
+    assert found.tolist() == [-1]
+    assert np.isinf(away).all()
     with pytest.raises(ValueError, match=f"states must have shape \\(k, {n}\\), got \\(3, 1\\)"):
         nearest(np.zeros((3, 1)), 1.0)
+    with pytest.raises(ValueError, match="derivatives must have the shape of the points"):
+        _core.NearestPoint(points, points)
+
+
+def test_differences_from_a_curve_are_of_third_order_in_the_time_since_its_nearest_point():
+    """States lie 1e-3 outside a circle of radius 1, whose points are up to h / 2 away."""
+    errors = []
+    for count in (50, 100):
+        at = 2.0 * np.pi * np.arange(count) / count
+        points = np.stack([np.cos(at), np.sin(at)], axis=1)
+        once = np.stack([-np.sin(at), np.cos(at)], axis=1)
+        angle = np.linspace(0.0, 6.0, 500)
+        normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        away, near = _core.NearestPoint(points, once, -points)(1.001 * normal, np.inf)
+        assert np.abs(np.angle(np.exp(1j * (angle - at[near])))).max() <= 1.001 * np.pi / count
+        errors.append(np.abs(np.sum(away * normal, axis=1) - 1e-3).max())
+    assert errors[0] < 1e-4
+    assert errors[0] / errors[1] > 3.5

@@ -206,18 +206,21 @@ Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& ra
   return made;
 }
 
-py::array_t<Index> nearest_points(const NearestPoint& points, const Numbers& states, double most) {
-  if (states.ndim() != 2 || states.shape(1) != points.size()) {
-    throw py::value_error("states must have shape (k, " + std::to_string(points.size()) +
-                          "), got " + shape_of(states));
+auto nearest_points(const NearestPoint& points, const Numbers& states, double most) {
+  const Index n = points.size();
+  if (states.ndim() != 2 || states.shape(1) != n) {
+    throw py::value_error("states must have shape (k, " + std::to_string(n) + "), got " +
+                          shape_of(states));
   }
-  py::array_t<Index> made(states.shape(0));
-  Index* const to = made.mutable_data();
+  Numbers away = new_numbers(states.shape(0), n, false);
+  py::array_t<Index> near(states.shape(0));
+  double* const differences = away.mutable_data();
+  Index* const numbers = near.mutable_data();
   const py::gil_scoped_release unlocked;
-  for (Index k = 0; k < states.shape(0); ++k) {
-    to[k] = points(states.data() + k * points.size(), most);
+  for (Index k = 0; k < near.size(); ++k) {
+    numbers[k] = points(states.data() + k * n, most, differences + k * n);
   }
-  return made;
+  return std::pair(std::move(away), std::move(near));
 }
 
 }  // namespace
@@ -276,7 +279,8 @@ void define_orbits(py::module_& m) {
           },
           "phase"_a, "shift"_a, "row"_a, "gap"_a, "share"_a, "turn"_a = Vector());
   py::class_<NearestPoint>(m, "NearestPoint")
-      .def(py::init<Matrix>(), "points"_a)
+      .def(py::init<Matrix, Matrix, Matrix>(), "points"_a, "once"_a = Matrix(),
+           "twice"_a = Matrix())
       .def("__call__", &nearest_points, "states"_a, "most"_a);
   m.def("stage_states", &stage_states, "durations"_a, "starts"_a, "rates"_a, "method"_a);
   m.def("exponentials", &exponentials, "exponents"_a);

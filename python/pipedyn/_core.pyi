@@ -753,9 +753,12 @@ class NearestPoint:
         self,
         states: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
         most: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> numpy.typing.NDArray[numpy.int64]: ...
+    ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.int64]]: ...
     def __init__(
-        self, points: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+        self,
+        points: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        once: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+        twice: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
     ) -> None: ...
 
 def assignment(

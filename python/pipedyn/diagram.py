@@ -397,6 +397,7 @@ def _cases(
     have negative numbers.
     """
     cases, states = list[Case](), [np.asarray(model.initial_state(q, None)) for q in starts]
+    moving = [some for b in cycles if (some := [one for one in b.cycles if one.moves])]
     with one_thread(model.dof):
         for u in speeds.tolist():
             passing = [_branch_coordinates(branch, u) for branch in equilibria]
@@ -413,8 +414,7 @@ def _cases(
                         circular_solution(model, np.append(circle.q, [circle.frequency, u]))
                     )
                     found.append(found[-1].mirrored(False))
-            moving = ([one for one in b.cycles if one.moves] for b in cycles)
-            nearest = (min(some, key=lambda one: abs(one.u - u)) for some in moving if some)
+            nearest = (min(some, key=lambda one: abs(one.u - u)) for some in moving)
             near = (one for one in nearest if 0.0 < abs(one.u - u) <= NEAR_BRANCH * u)
             begins = dict(enumerate(states))
             begins |= {-1 - k: _start_near(model, one) for k, one in enumerate(near)}

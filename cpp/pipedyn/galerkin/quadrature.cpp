@@ -57,9 +57,9 @@ Matrix Quadrature::integral_to(const Vector& s) const {
 
 void legendre_values(double x, Index count, double* out) {
   for (Index k = 0; k < std::min<Index>(count, 2); ++k) out[k] = k == 0 ? 1.0 : x;
-  for (Index k = 2; k < count; ++k) {
-    const double before = static_cast<double>(k - 1);
-    out[k] = ((2.0 * before + 1.0) * (x * out[k - 1]) - before * out[k - 2]) / (before + 1.0);
+  for (Index k = 2; k < count; ++k) {  // no division waits for the polynomial before
+    const double less = 1.0 - 1.0 / static_cast<double>(k), next = x * out[k - 1];
+    out[k] = next + less * (next - out[k - 2]);
   }
 }
 

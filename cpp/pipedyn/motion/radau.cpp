@@ -129,16 +129,16 @@ void Radau::predict(double h) {
     z_.setZero();
     w_.setZero();
   } else {
-    Table beyond{};
-    for (Index i = 0; i < radau::stages; ++i) {
+    for (Index i = 0; i < radau::stages && ratio != ratio_; ++i) {
       const double x = 1.0 + radau::nodes[i] * ratio;
       for (Index k = 0; k < radau::stages; ++k) {
         double weight = 0.0;
         for (Index p = radau::stages - 1; p >= 0; --p) weight = x * (radau::powers[k][p] + weight);
-        beyond[k][i] = weight - (k == radau::stages - 1 ? 1.0 : 0.0);
+        beyond_[k][i] = weight - (k == radau::stages - 1 ? 1.0 : 0.0);
       }
     }
-    combine_rows(before_.data(), beyond, n, z_.data());
+    ratio_ = ratio;
+    combine_rows(before_.data(), beyond_, n, z_.data());
     combine_rows(z_.data(), radau::to_systems, n, w_.data());
   }
   at_.topRows(n) = z_.topRows(n).colwise() + y_.head(n);

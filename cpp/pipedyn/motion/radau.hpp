@@ -137,6 +137,8 @@ class Radau final : public Integrator {
   Matrix at_, rates_at_, x_;  // states at the stages, their rates, right-hand sides or solutions
   Matrix between_;            // states between the stages
   double last_h_ = 0.0, factored_h_ = 0.0;
+  double ratio_ = 0.0;        // of the lengths of two steps, to which beyond_ belongs
+  double beyond_[8][8] = {};  // weights of the last step's stages in the predicted ones
   double contraction_ = 1.0;  // ratio of the next change to that of an iteration
   double left_ = 1.0;         // ratio of all later changes to that of an iteration
   Index iterations_ = 0;

@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: MIT
 //
-// The nearest of many points, by a k-d tree: SciPy's takes longer to import than to search.
+// The nearest of many points, which may lie on a curve in time, by a k-d tree: SciPy's takes longer
+// to import than to search.
 #pragma once
 
 #include <algorithm>
+#include <limits>
 #include <numeric>
+#include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "pipedyn/pipe.hpp"
@@ -14,8 +18,16 @@ namespace pipedyn {
 /// Points (count, n) in a tree: each branch is divided at the median of its widest coordinate.
 class NearestPoint {
  public:
-  explicit NearestPoint(Matrix points)
-      : points_(std::move(points)), order_(static_cast<std::size_t>(points_.rows())) {
+  /// once, twice: derivatives of the points in time (count, n); empty if they are on no curve.
+  explicit NearestPoint(Matrix points, Matrix once = {}, Matrix twice = {})
+      : points_(std::move(points)),
+        once_(std::move(once)),
+        twice_(std::move(twice)),
+        order_(static_cast<std::size_t>(points_.rows())) {
+    if (once_.rows() != twice_.rows() || once_.cols() != twice_.cols() ||
+        (once_.size() > 0 && (once_.rows() != points_.rows() || once_.cols() != size()))) {
+      throw std::invalid_argument("derivatives must have the shape of the points");
+    }
     std::iota(order_.begin(), order_.end(), Index{0});
     divide(0, points_.rows());
     Matrix sorted(points_.rows(), points_.cols());
@@ -26,11 +38,26 @@ class NearestPoint {
   Index size() const { return points_.cols(); }
 
   /// Number of the point nearest to x (n,), or -1 if all are as far away as `most` or farther.
-  Index operator()(const double* x, double most) const {
-    Search found{.x = {x, points_.cols()}, .square = most * most};
+  /// Writes the difference of x from the point to away (n,), infinite if there is none; if the
+  /// points are on a curve, the difference from it, to third order in the time by which x is ahead
+  /// of the point.
+  Index operator()(const double* x, double most, double* away) const {
+    Search found{.x = {x, size()}, .square = most * most};
     std::size_t branch = 0;
     search(0, points_.rows(), branch, found);
-    return found.at < 0 ? -1 : number(found.at);
+    Eigen::Map<Eigen::RowVectorXd> left(away, size());
+    if (found.at < 0) {
+      left.setConstant(std::numeric_limits<double>::infinity());
+      return -1;
+    }
+    const Index at = number(found.at);
+    left = found.x - points_.row(found.at);
+    if (once_.size() > 0) {
+      const auto once = once_.row(at);
+      const double ahead = once.dot(left) / std::max(once.squaredNorm(), 1e-300);
+      left -= ahead * (once + 0.5 * ahead * twice_.row(at));
+    }
+    return at;
   }
 
  private:
@@ -90,7 +117,7 @@ class NearestPoint {
     }
   }
 
-  Matrix points_;
+  Matrix points_, once_, twice_;
   std::vector<Index> order_;
   std::vector<Branch> branches_;
 };

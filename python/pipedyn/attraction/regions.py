@@ -138,7 +138,12 @@ class Region:
 
     @cached_property
     def _nearest(self) -> _core.NearestPoint:
-        return _core.NearestPoint(self._scaled)
+        if self.rates is None:
+            return _core.NearestPoint(self._scaled)
+        rates = np.tile(self.rates * self.units, (len(self._scaled) // len(self.points), 1))
+        if self.axisymmetric:
+            rates[:, len(self.points) :] *= -1.0
+        return _core.NearestPoint(self._scaled, *rates)
 
     @property
     def half(self) -> int:
@@ -207,26 +212,12 @@ class Region:
     def _differences(self, states: Array, most: float) -> tuple[Array, NDArray[np.intp]]:
         """Scaled differences of states from the attractor, infinite if larger than `most`.
 
-        Second come the numbers of the points nearest to the states.
+        Second come the numbers of the points nearest to the states. From a curve differences are of
+        third order in the time by which states are ahead of these points.
         """
         scaled = self._without_turns(states) * self.units
-        near = self._nearest(scaled, most + self._reach)
-        met = near >= 0
-        differences, near = np.full(scaled.shape, math.inf), np.where(met, near, 0)
-        if not met.any():
-            return differences, near
-        away, points = scaled[met] - self._scaled[near[met]], near[met] % len(self.points)
-        if self.rates is not None:
-            # The difference, to third order in the time by which the state is ahead of the point.
-            once, twice = self.rates[:, points] * self.units
-            if self.axisymmetric:
-                turned = np.where(near[met] < len(self.points), 1.0, -1.0)[:, None]
-                once, twice = turned * once, turned * twice
-            ahead = np.sum(once * away, axis=1, keepdims=True)
-            ahead /= np.maximum(np.sum(once**2, axis=1, keepdims=True), 1e-300)
-            away -= ahead * once + 0.5 * ahead**2 * twice
-        differences[met] = away
-        return differences, near % len(self.points)
+        away, near = self._nearest(scaled, most + self._reach)
+        return away, near % len(self.points)
 
     def within(self, radius: float) -> Region:
         """The region with another radius; it keeps what was computed of its points."""

@@ -592,7 +592,11 @@ def extent_along(
     phases, y = orbit.sampled(SAMPLES_A_STAGE * orbit.rates.shape[1])
     tips, velocities = np.split(motion.end(y), 2)
     across, velocity = direction @ tips, direction @ velocities
-    before = np.flatnonzero((velocity[:-1] > 0.0) != (velocity[1:] > 0.0))
+    # Between two samples a peak rises by some thousandths at most: lower ones are left out.
+    middle = 0.0 if orbit.symmetric else 0.5 * (across.max() + across.min())
+    heights = np.abs(across - middle)
+    turns = (velocity[:-1] > 0.0) != (velocity[1:] > 0.0)
+    before = np.flatnonzero(turns & (heights[:-1] >= 0.9 * heights.max()))
     peaks = zeros_between(
         lambda phase: direction @ motion.end(orbit.states(phase))[size:],
         *(phases[before], phases[before + 1], velocity[before], velocity[before + 1]),

@@ -351,7 +351,9 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
         u = first.drive if first.drive.numbers is None else first.drive.numbers
     start = np.stack([task.start for task in tasks], axis=1)
     rtol = np.array([task.rtol for task in tasks])
-    atol = np.stack([np.broadcast_to(task.atol, len(start)) for task in tasks], axis=1)
+    atol = np.empty_like(start)
+    for j, task in enumerate(tasks):
+        atol[:, j] = task.atol
     motion = _core.Integrator(
         *(model.core, u, start, first.t0, rtol, atol, first.most, first.max_step),
         None if first.method == "dop853" else first.jacobian,

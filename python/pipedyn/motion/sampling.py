@@ -98,8 +98,8 @@ def turning_points(t: Array, x: Array, velocity: Array) -> Array:
     bend, rest = (3.0 * mean - 2.0 * slope - last) / step, (slope + last - 2.0 * mean) / step**2
     with np.errstate(divide="ignore", invalid="ignore"):
         root = -(bend + np.copysign(np.sqrt(bend**2 - 3.0 * rest * slope), bend))
-        since = np.stack([slope / root, root / (3.0 * rest)], axis=1)
-        since.sort(axis=1)
+        roots = slope / root, root / (3.0 * rest)
+        since = np.stack([np.minimum(*roots), np.maximum(*roots)], axis=1)
         within = (since >= 0.0) & (since < step[:, None])
     place, since = np.nonzero(within)[0], since[within]
     return np.asarray(

@@ -220,6 +220,7 @@ class OrbitProblem(Continuation):
     ) -> None:
         super().__init__(np.zeros(start.starts.size + start.rates.size + 2), control)
         self.motion, self.start = motion, start
+        self._last = NONE, start  # unknowns of the last orbit that was asked for, and this orbit
         self._speed_varies = speed_varies and not motion.forced
         self.unit = _unit_of(motion, start) if unit is None else unit
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
@@ -282,7 +283,9 @@ class OrbitProblem(Continuation):
 
     def orbit(self, z: Array) -> PeriodicOrbit:
         """The orbit with unknowns z."""
-        return self.start.unpacked(z)
+        if z is not self._last[0]:
+            self._last = z, self.start.unpacked(z)
+        return self._last[1]
 
     def linearised(self, z: Array) -> Solver:
         """The equations linearised about unknowns z."""
