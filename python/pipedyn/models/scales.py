@@ -356,8 +356,8 @@ def likely_slip(given: Mapping[str, float], is_usual: Callable[[Mapping[str, flo
     """The question whether arguments are in another unit, if they are usual then; else empty.
 
     Gravity is tried first, in units in which it is that of the earth, then the first argument, the
-    length, then lengths and densities that share a unit, each argument in the units that users take
-    for its own, and others that share one, at last lengths in mm with a modulus in MPa.
+    length, then lengths and densities that share a unit, each other argument in the units that
+    users take for its own, and more that share one, at last lengths in mm with a modulus in MPa.
     """
     mistaken = {name: SI_QUANTITIES[name].mistaken for name, value in given.items() if value}
     pull = mistaken.pop("gravity", {})
@@ -369,24 +369,13 @@ def likely_slip(given: Mapping[str, float], is_usual: Callable[[Mapping[str, flo
         for together in (["mm"], ["cm"], ["g/cm3"], ["g/m"], ["kg/mm"], ["mm", "MPa"])
     )
     diameters = [{k: word for k, word in one.items() if "diameter" in k} for one in (mm, cm)]
-    single = [
-        [{name: word} for word in words if word != "kg/mm"]  # which few use, and for both masses
+    single = [  # few use kg/mm, and for both masses; they look like EI in N mm2
+        [{name: word} for word in words if word != "kg/mm"] + [short] * ("N mm2" in words)
         for name, words in mistaken.items()
         if name != "inner_diameter"  # in mm it is refused beside an outer one in m
     ]
-    single = [
-        [*tries, short] if {"bending_stiffness": "N mm2"} in tries else tries for tries in single
-    ]
-    for tries in [
-        earthly,
-        *single[:1],
-        [mm, cm],
-        [dense],
-        *single[1:],
-        diameters,
-        [light],
-        [stiff],
-    ]:
+    every = [earthly, *single[:1], [mm, cm], [dense], *single[1:], diameters, [light], [stiff]]
+    for tries in every:
         found = dict[tuple[str, ...], list[dict[str, str]]]()  # by the arguments that are changed
         for one in filter(None, tries):
             by = {k: given[k] * SI_QUANTITIES[k].mistaken[word] for k, word in one.items()}
