@@ -335,3 +335,17 @@ def test_a_curve_that_meets_a_line_twice_between_its_samples_is_found(dimensions
         assert abs(curve.x[0]) < 0.3
         assert_on_the_axis(found, curve, 0)
         assert_on_the_axis(found, curve, len(curve) // 2)
+
+
+@silent
+def test_a_closed_curve_of_a_bent_pipe_that_no_line_meets_is_reached_uphill():
+    """The spring that holds the pipe best and a force of 0: the only place of stability."""
+    terms = [pp.Spring(1.0, 2.0), pp.Load(1.0, (1.0, 0.0))]
+    chain = pp.Chain(pp.Pipe(0.5, 10.0, damping=0.005, terms=terms), 3)
+    window = {"Spring.stiffness": (0.0, 40.0), "Load.force_x": (-3.0, 4.0)}
+    found = pp.boundary(chain, *window, window, u=6.5265, criticality=False)
+    (curve,) = found.curves
+    assert curve.ends == ("closed", "closed")
+    assert found.unstable(2.7, 0.0) == 0 < found.unstable(2.7, 0.2)
+    for k in (0, len(curve) // 3):
+        assert_on_the_axis(found, curve, k)
