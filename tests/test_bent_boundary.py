@@ -287,6 +287,29 @@ def test_a_configuration_of_ones_own_has_no_boundary():
         pp.boundary(about, "gamma", "u", {"gamma": (0.0, 20.0), "u": (2.0, 8.0)})
 
 
+def test_hysteresis_in_space_has_boundaries_at_its_crossings_with_paths_uphill():
+    model = pp.Galerkin(level(damping=0.0, hysteresis=0.05), 4, "legendre", dimensions=3)
+    window = {"gamma": (4.0, 16.0), "u": (4.0, 7.5)}
+    found = pp.boundary(model, "gamma", "u", window, criticality=False)
+    held = pp.boundary(
+        model, "gamma", "beta", {"gamma": (4.0, 16.0), "beta": (0.1, 0.3)}, u=5.8, criticality=False
+    )
+    assert not found.failures + held.failures
+    for curves, name in ((found.curves, "u"), (held.curves, "beta")):
+        assert {one.across for one in curves} == {False, True}
+        for one in curves:
+            k = len(one) // 2
+            pipe = dataclasses.replace(model.pipe, gamma=float(one.x[k]))
+            u = 5.8
+            if name == "u":
+                u = one.y[k]
+            else:
+                pipe = dataclasses.replace(pipe, beta=float(one.y[k]))
+            every = pp.crossings(model.with_pipe(pipe), 8.0)
+            near = [each.speed for each in every if each.across == one.across]
+            assert min(abs(speed - u) for speed in near) < 1e-6
+
+
 def test_curves_in_space_end_where_a_joint_turns_over_and_failures_say_so():
     pipe = pp.Pipe(0.3, 5.0, damping=0.005, jet_angle=0.3)
     window = {"gamma": (2.0, 12.0), "u": (0.0, 8.0)}
@@ -333,3 +356,17 @@ def test_a_curve_that_meets_a_line_twice_between_its_samples_is_found(dimensions
         assert abs(curve.x[0]) < 0.3
         assert_on_the_axis(found, curve, 0)
         assert_on_the_axis(found, curve, len(curve) // 2)
+
+
+@silent
+def test_a_closed_curve_of_a_bent_pipe_that_no_line_meets_is_reached_uphill():
+    """The spring that holds the pipe best and a force of 0: the only place of stability."""
+    terms = [pp.Spring(1.0, 2.0), pp.Load(1.0, (1.0, 0.0))]
+    chain = pp.Chain(pp.Pipe(0.5, 10.0, damping=0.005, terms=terms), 3)
+    window = {"Spring.stiffness": (0.0, 40.0), "Load.force_x": (-3.0, 4.0)}
+    found = pp.boundary(chain, *window, window, u=6.5265, criticality=False)
+    (curve,) = found.curves
+    assert curve.ends == ("closed", "closed")
+    assert found.unstable(2.7, 0.0) == 0 < found.unstable(2.7, 0.2)
+    for k in (0, len(curve) // 3):
+        assert_on_the_axis(found, curve, k)

@@ -241,6 +241,16 @@ def test_numbers_of_phases_are_positive(name, value):
         pp.Phase(**{"density": 998.0, "flow_rate": 1e-4} | {name: value})
 
 
+def test_a_flow_rate_in_liters_a_minute_beside_one_in_si_brings_a_warning():
+    for rates in ((2e-4, 6.0), (12.0, 1e-4)):
+        phases = [pp.Phase(998.0, rates[0]), pp.Phase(1.2, rates[1])]
+        with pytest.warns(pp.UnusualPipe, match=r"a phase fills .* none in l/min\?"):
+            pp.Pipe.from_tube(**TUBE, phases=phases)
+    pp.Pipe.from_tube(
+        **TUBE, phases=[pp.Phase(998.0, 12.0), pp.Phase(1.2, 6.0)]
+    )  # only their ratio counts
+
+
 def test_a_single_fluid_is_its_own_only_phase():
     hose = pp.Pipe.from_tube(**TUBE, fluid_density=998.0)
     assert hose.speed_si(2.0, 0) == hose.speed_si(2.0)

@@ -635,7 +635,7 @@ UNUSUAL = [
     (BEAM | {"length": 450.0, "gravity": 0.0}, "length in m, not in mm or cm"),
     (BEAM | {"jet_angle": 2.0}, "jet_angle in rad, not in degrees"),
     (BEAM | {"damping_time": 2.0}, "damping_time in s, not in ms"),
-    (BEAM | {"gravity": 9810.0}, "are all units right"),
+    (BEAM | {"gravity": 9810.0}, "gravity in m/s2, not in mm/s2"),
     (
         BEAM | {"pipe_mass": 190.0, "fluid_mass": 32.0},
         "pipe_mass and fluid_mass in kg/m, not in g/m",
@@ -644,14 +644,20 @@ UNUSUAL = [
     (BEAM | {"fluid_mass": 32.0}, "fluid_mass in kg/m, not in g/m"),
     (BEAM | {"rotary_inertia": 1.0}, "are all units right"),
     (BEAM | {"terms": [pp.PointMass(0.45, 100.0)]}, "in kg, not in g"),
+    (
+        BEAM | {"pipe_mass": 1.9e-4, "fluid_mass": 3.2e-5},
+        "bending_stiffness in N m2, not in N mm2, or pipe_mass and fluid_mass in kg/m, "
+        "not in kg/mm",
+    ),
+    (TUBE | {"youngs_modulus": 1e5, "gravity": 981.0}, "gravity in m/s2, not in cm/s2"),
     *((BEAM | {name: 1e3}, "are all units right") for name in ("alpha", "nozzle_ratio")),
     *((IN_WATER | {name: 1e3}, None) for name in ("drag_coefficient", "added_mass_coefficient")),
     *(
         (
             BOOK | {"bending_stiffness": 2450.0, "length": at},
-            "bending_stiffness in N m2, not in N mm2",
+            f"bending_stiffness in N m2, not in N mm2{masses}",
         )
-        for at in (0.5, 1.2)
+        for at, masses in ((0.5, ""), (1.2, ", or pipe_mass and fluid_mass in kg/m, not in kg/mm"))
     ),
     *(
         (BOOK | {"damping_time": 2.0, "length": at}, "damping_time in s, not in ms")

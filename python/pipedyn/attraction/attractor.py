@@ -36,7 +36,9 @@ class Attractor(Result, units={"turnings": LENGTH, "period": None}):
         turnings: transverse positions of the tip where its velocity changes sign, in order, over
             four periods of a cycle or over the recorded time of other motions, shape (K,); at rest
             the position itself. In three dimensions positions are along the direction in which the
-            tip moves farthest.
+            tip moves farthest, towards positive x or z, whichever that is nearer to. If no motion
+            ended on an attractor in space but its mirror image is known, they are those of the
+            image, whose sign may be the other.
         end: state [p, p'] on the attractor, shape (2 integrated,); empty where the motion failed.
         exponent: the largest Lyapunov exponent, if it is asked for and the motion is irregular.
             Motions at one speed whose turning points are spread alike share the exponent of one of

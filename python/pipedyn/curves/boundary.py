@@ -218,8 +218,9 @@ def boundary(
     that to which the pipe comes as its loads, and then the flow, grow from zero. Curves of folds,
     at which it turns back and the pipe snaps away, are divergences in the plane of rest. A model
     made with `dimensions=3` has curves across that plane, too, and a planar one brings the warning
-    `FluttersAcross`. Of bent pipes no path leads uphill, counts round the edges are not compared,
-    and along another number than the flow speed two crossings between samples are missed.
+    `FluttersAcross`. Counts round the edges are not compared for bent pipes. If two folds lie
+    between neighbouring samples of a line along another number than the flow speed, so that the
+    pipe does not come to rest between them, both are missed there.
 
     Args:
         model: chain, reduced model, scene of up to 500 degrees of freedom, or `Continuum`, whose

@@ -203,12 +203,8 @@ class SearchOfRest:
     def __init__(
         self, model: Model, max_speed: float, until_unstable: bool, counted: int | None = None
     ) -> None:
-        self.rests, self.max_speed, self.until_unstable = (
-            BranchOfRest(model),
-            max_speed,
-            until_unstable,
-        )
-        self.counted = counted
+        self.rests, self.counted = BranchOfRest(model), counted
+        self.max_speed, self.until_unstable = max_speed, until_unstable
         self.found: list[CrossingOfRest] = []
         self.roots: list[RootsFollowed] = []  # in the plane of rest, and across it
         self.tests: list[GrowthTest | None] = []  # of the last step

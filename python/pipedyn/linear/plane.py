@@ -81,10 +81,10 @@ class Window:
                 pipe = number.changed(pipe, value)
         return pipe
 
-    def on_edges(self, share: Array) -> Array:
-        """Shares of the ranges; those off an edge by rounding are moved onto it."""
+    def on_edges(self, share: Array, distance: float = ON_EDGE) -> Array:
+        """Shares of the ranges; those within a distance of an edge are moved onto it."""
         edges = share.clip(0.0, 1.0).round()
-        return np.where(np.abs(share - edges) <= ON_EDGE, edges, share)
+        return np.where(np.abs(share - edges) <= distance, edges, share)
 
 
 @dataclass(frozen=True)
@@ -216,16 +216,12 @@ class Plane:
 
     def straight_near(self, share: Array, distance: float = ON_EDGE) -> bool:
         """Whether a pipe that is bent elsewhere is straight at shares, or on an edge that close."""
-        edges = share.clip(0.0, 1.0).round()
-        nearest = np.where(np.abs(share - edges) <= distance, edges, share)
-        at = self.window.place(nearest)
+        at = self.window.place(self.window.on_edges(share, distance))
         return bool(self.rest_size) and self.model_at(at).pipe.rests_straight
 
     def conservative_near(self, share: Array, distance: float) -> bool:
         """Whether the system is conservative at shares of the window, or on an edge that close."""
-        edges = share.clip(0.0, 1.0).round()
-        nearest = np.where(np.abs(share - edges) <= distance, edges, share)
-        return self.conservative_at(self.window.place(nearest))
+        return self.conservative_at(self.window.place(self.window.on_edges(share, distance)))
 
     def conservative_at(self, at: Array) -> bool:
         """Whether eigenvalues come in fours, lambda, -lambda and conjugates, at (x, y).

@@ -645,6 +645,8 @@ class Pipe(Saved):
             warn_of_pipe(reasons, likely_slip(si, _is_usual))
         if reasons := unusual({"heaviest": heaviest}):
             warn_of_pipe(reasons, ": in kg, not in g?")
+        if reasons := unusual({"filled": float((mixture.shares / mixture.speeds).min())}):
+            warn_of_pipe(reasons, ": all flow rates in m3/s, none in l/min?")
         return made
 
     @property

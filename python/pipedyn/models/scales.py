@@ -233,7 +233,7 @@ class SIQuantity(NamedTuple):
 POSITIVE: dict[str, Any] = {"low": 0.0, "high": 1e12, "open_low": True}
 AT_LEAST_0: dict[str, Any] = {"low": 0.0}
 
-MM = {"mm": 1e-3, "cm": 1e-2}
+MM, MASSES = {"mm": 1e-3, "cm": 1e-2}, {"g/m": 1e-3, "kg/mm": 1e3}
 
 SI_QUANTITIES = {
     "length": SIQuantity("m", POSITIVE, MM, (0.0, 1e4)),
@@ -247,9 +247,11 @@ SI_QUANTITIES = {
     "density": SIQuantity("kg/m**3", POSITIVE, {"g/cm3": 1e3}, (10.0, 2.3e4)),
     "fluid_density": SIQuantity("kg/m**3", POSITIVE, {"g/cm3": 1e3}, (0.01, 2.3e4)),
     "bending_stiffness": SIQuantity("N*m**2", POSITIVE, {"N mm2": 1e-6}),
-    **dict.fromkeys(("pipe_mass", "fluid_mass"), SIQuantity("kg/m", POSITIVE, {"g/m": 1e-3})),
+    **dict.fromkeys(("pipe_mass", "fluid_mass"), SIQuantity("kg/m", POSITIVE, MASSES)),
     # Centrifuges for models of structures reach 500 g.
-    "gravity": SIQuantity("m/s**2", {"low": -1e12, "high": 1e12}, usual=(-5e3, 5e3)),
+    "gravity": SIQuantity(
+        "m/s**2", {"low": -1e12, "high": 1e12}, {"cm/s2": 1e-2, "mm/s2": 1e-3}, (-5e3, 5e3)
+    ),
     # A plate across a flow has 2, a thread in a slow one 10.
     "drag_coefficient": SIQuantity("dimensionless", AT_LEAST_0, usual=(0.0, 20.0)),
     "external_diameter": SIQuantity("m", AT_LEAST_0, MM, (0.0, 12.0)),
@@ -274,6 +276,7 @@ DERIVED = {
     "heaviest": ("the largest point mass over the pipe's mass", "", (0.0, 100.0)),
     "stretch": ("the strain under the weight of the hanging pipe", "", (0.0, 0.2)),
     "share": ("the fluid's share of the mass, beta,", "", (0.0, 0.99)),
+    "filled": ("the share of the bore that a phase fills", "", (1e-4, 1.0)),
     "inertia": ("rotary_inertia over mass times length squared", "", (0.0, 0.1)),
 }
 """What is derived from these arguments, by name: words, unit and range of pipes.
@@ -283,7 +286,8 @@ second frequency, beams as thick as long and, wider than a wire, ones longer tha
 rho^2 is 0.04 of the softest rubber, but 0.003 of steel with E in MPa, and 1e5 of the stiffest
 carbon fibre. A thin tube's 4 pi EI / mu_p^2 is E / rho^2 times its diameter over twice its wall:
 1.5e6 for aluminium 1/300 as thick as wide. Walls of pipes that bend reach 0.1 m. Strains above 0.2
-change the stiffness. With water in a film of 0.2 mm, 40 mm wide, beta is 0.98."""
+change the stiffness. With water in a film of 0.2 mm, 40 mm wide, beta is 0.98. The droplets of a
+mist fill 1e-4 of the bore; a flow rate in l/min beside one in m3/s leaves the other phase less."""
 
 
 WATER = 0.95, 1.05
@@ -351,33 +355,41 @@ def like_water(**densities: float) -> list[str]:
 def likely_slip(given: Mapping[str, float], is_usual: Callable[[Mapping[str, float]], bool]) -> str:
     """The question whether arguments are in another unit, if they are usual then; else empty.
 
-    Each argument is tried in the units that users take for its own, then those that share one, then
-    lengths in mm with a modulus in MPa.
+    Gravity is tried first, in units in which it is that of the earth, then the first argument, the
+    length, then lengths and densities that share a unit, each other argument in the units that
+    users take for its own, and more that share one, at last lengths in mm with a modulus in MPa.
     """
     mistaken = {name: SI_QUANTITIES[name].mistaken for name, value in given.items() if value}
-    shared = [
-        {name: word for name, words in mistaken.items() for word in words if word in together}
-        for together in (["mm"], ["cm"], ["g/cm3"], ["g/m"], ["mm", "MPa"])
+    pull = mistaken.pop("gravity", {})
+    earthly = [
+        {"gravity": word} for word, by in pull.items() if 9.7 < abs(given["gravity"] * by) < 9.9
     ]
-    diameters = [{k: word for k, word in one.items() if "diameter" in k} for one in shared[:2]]
-    single = [
-        [{name: word} for word in words]
+    mm, cm, dense, light, short, stiff = (
+        {name: word for name, words in mistaken.items() for word in words if word in together}
+        for together in (["mm"], ["cm"], ["g/cm3"], ["g/m"], ["kg/mm"], ["mm", "MPa"])
+    )
+    diameters = [{k: word for k, word in one.items() if "diameter" in k} for one in (mm, cm)]
+    single = [  # few use kg/mm, and for both masses; they look like EI in N mm2
+        [{name: word} for word in words if word != "kg/mm"] + [short] * ("N mm2" in words)
         for name, words in mistaken.items()
         if name != "inner_diameter"  # in mm it is refused beside an outer one in m
     ]
-    for tries in [*single, diameters, shared[:2], *([one] for one in shared[2:])]:
-        found = []
+    every = [earthly, *single[:1], [mm, cm], [dense], *single[1:], diameters, [light], [stiff]]
+    for tries in every:
+        found = dict[tuple[str, ...], list[dict[str, str]]]()  # by the arguments that are changed
         for one in filter(None, tries):
-            by = {k: given[k] * mistaken[k][word] for k, word in one.items()}
+            by = {k: given[k] * SI_QUANTITIES[k].mistaken[word] for k, word in one.items()}
             if is_usual({**given, **by}):
-                found.append(one)
-        groups: dict[str, list[str]] = {}
-        for k in found[0] if found else ():
-            words = " or ".join(one[k] for one in found)
-            groups.setdefault(f"in{SI_QUANTITIES[k].words}, not in {words}", []).append(k)
-        if groups:
-            asked = (f"{' and '.join(names)} {unit}" for unit, names in groups.items())
-            return f": {', and '.join(asked)}?"
+                found.setdefault(tuple(one), []).append(one)
+        told = []
+        for names, each in found.items():
+            groups: dict[str, list[str]] = {}
+            for k in names:
+                words = " or ".join(one[k] for one in each)
+                groups.setdefault(f"in{SI_QUANTITIES[k].words}, not in {words}", []).append(k)
+            told.append(", and ".join(f"{' and '.join(of)} {unit}" for unit, of in groups.items()))
+        if told:
+            return f": {', or '.join(told)}?"
     return ""
 
 
