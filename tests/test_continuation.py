@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from pipedyn.curves.boundary import checked_window
 from pipedyn.curves.boundary_curves import CurveTracer, line_starts, not_followed
 from pipedyn.curves.event_onset import Onset
 from pipedyn.curves.event_plane import EventPlane
+from pipedyn.linear.following import GrowthTest
 from pipedyn.linear.plane import Plane, Scale, Window
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.orbit_continuation import FINE, branch_steps, from_hopf, orbit_at
@@ -73,6 +75,32 @@ def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):
     # The cubic through the ends misses by the fourth power of the length.
     for length in (0.05, 0.1, 0.15):
         assert segment.guess(length) == pytest.approx(segment.at(length).z, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("growths", "expected"),
+    [
+        (lambda u: (1e-3 - (u - 0.56) ** 2, -1.0), [0.56 - 1e-3**0.5, 0.56 + 1e-3**0.5]),
+        (lambda u: ((u - 0.56) ** 2 - 1e-3, -1.0), [0.56 - 1e-3**0.5, 0.56 + 1e-3**0.5]),
+        (lambda u: (0.53 - u, u - 0.55), [0.53, 0.55]),
+        (lambda u: (u - 0.5301, 0.53 - u), [0.53, 0.5301]),
+        (lambda u: (0.51 - u, 0.52 - u), [0.51, 0.52]),
+    ],
+    ids=["grows within a step", "ceases to within a step", "swap", "swap nearby", "both cease to"],
+)
+def test_each_root_that_passes_the_axis_is_found_whatever_the_others_do(growths, expected):
+    random = np.random.default_rng(0)
+
+    def roots(u):
+        pairs = np.array(growths(u)) + 1j * np.array([8.0, 20.0])
+        return random.permutation(np.concatenate([pairs, pairs.conj()]))
+
+    found, before = [], None
+    for low, high in pairwise(np.linspace(0.0, 1.0, 9)):
+        step = SimpleNamespace(length=high - low, at=lambda s, low=low: low + s)
+        before = GrowthTest(step, 1e-9, roots, before=before)
+        found += [low + s for _, s in before.changes(0.0, high - low)]
+    assert found == pytest.approx(expected, abs=2e-9)
 
 
 def test_a_guess_uses_what_was_solved_for_and_leads_beyond_the_end(circle):

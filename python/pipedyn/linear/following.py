@@ -174,8 +174,11 @@ class RootFollower:
 
 def matched(values: Complex, others: Complex) -> NDArray[np.intp]:
     """Indices of the other roots that continue each of the values, or -1 where there are fewer."""
-    apart = np.abs(values[:, None] - others) / (1.0 + np.abs(values[:, None]))
-    rows, columns = scipy.optimize.linear_sum_assignment(apart)
+    apart = np.abs(values[:, None] - others)
+    nearest = apart.argmin(axis=1)
+    if values.size == others.size == len(set(nearest.tolist())):  # as is most often the case
+        return nearest
+    rows, columns = scipy.optimize.linear_sum_assignment(apart / (1.0 + np.abs(values[:, None])))
     found = np.full(values.size, -1)
     found[rows] = columns
     return found
@@ -217,7 +220,9 @@ class GrowthTest(TestFunction):
 
     def _growth(self, s: float) -> Array:
         """Real parts of the roots less their rounding, in the order of the roots, (k,)."""
-        return beyond_rounding(self._roots_at(s))
+        if s not in self.known:
+            self.known[s] = beyond_rounding(self._roots_at(s))
+        return self.known[s]
 
     def _slopes_between(self, low: float, high: float) -> Array:
         """Mean slopes of the growth of each root between two arc lengths; 0 if roots are lost."""
