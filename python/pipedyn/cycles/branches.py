@@ -49,6 +49,7 @@ from pipedyn.orbits.floquet import (
     beyond_circle,
     nontrivial,
     orbit_multipliers,
+    uncoupled,
 )
 from pipedyn.orbits.orbit_continuation import (
     FINE,
@@ -116,7 +117,7 @@ GENERATIONS = 2
 """Number of generations of cycles that leave cycles that are followed: all of the first, then those
 that leave stable ones, since their number may grow without end (a cascade of period doublings)."""
 
-Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
+Origin = Literal["hopf", "pitchfork", "period doubling", "branch point", "motion"]
 
 
 @saved_as("CycleEvent")
@@ -130,7 +131,8 @@ class CycleEvent(Result, units={"error": SPEED}):
             ceases to touch a stop), "hopf" (its amplitude falls to 0), "infinite period" (the
             frequency falls towards 0, as where a cycle meets an equilibrium), "branch point" (in
             three dimensions, motions across the plane of the cycle begin or cease to grow; those
-            that leave it there are not followed) or "end" (it was not followed further).
+            that leave it there are followed unless the pipe is the same in all directions, where
+            they precess, or the cycle lies in no plane) or "end" (it was not followed further).
         speed: u.
         error: half the length of the interval of speeds that is known to contain the event.
         multiplier: the multiplier that passes, on the unit circle: 1 at a fold and a pitchfork, and
@@ -176,8 +178,8 @@ class CycleBranch(TableResult):
             `limit_cycle` or are listed as failures, those between some 1e-5. At a Hopf point
             the cycle has no amplitude, and multipliers as the pipe at rest after a period.
         mirrored: whether the mirror images of its cycles are other cycles; they are not listed.
-        origin: beginning of the branch: "hopf" (at an equilibrium), "pitchfork" or "period
-            doubling" (of a branch of cycles), or "motion" (a motion ended on one of its cycles, and
+        origin: beginning of the branch: "hopf" (at an equilibrium), "pitchfork", "period
+            doubling" or "branch point" (of a branch of cycles), or "motion" (a motion ended on one of its cycles, and
             the branch was followed both ways from it; it is listed from the end at lower speeds).
         onset: flow speed at which it begins, NaN if that is unknown.
     """
@@ -320,8 +322,10 @@ def traced(
             if any(end is not None and event.same(end) for end in ends):
                 continue
             if generations == GENERATIONS or (stable and generations > 0):
-                start = from_branch_point(motion, orbit)
-                trace([start], event, generations - 1, fastest)
+                given: tuple[Any, ...] = motion, orbit
+                if event.kind == "branch point":
+                    given = *given, 1.0, uncoupled(motion, orbit)[1]
+                trace([from_branch_point(*given)], event, generations - 1, fastest)
 
     with one_thread(motion.size):
         if isinstance(begin, PeriodicOrbit):
@@ -669,10 +673,15 @@ class _Follower(Tracer[OrbitProblem]):
         kinds: list[EventKind] = ["hopf"] if begin.symmetric else ["hopf", "period doubling"]
         if not begin.symmetric and self.motion.is_odd(begin.u):
             kinds.append("pitchfork")
+        if self.begin is not None and self.begin.kind == "branch point":
+            kinds.append("branch point")
         onsets = np.array([onset for onset in self.options.onsets if onset != self.onset])
         for kind in kinds:
             known = onsets if kind == "hopf" else np.empty(0)
-            if (met := meeting(step, kind, known, 0.01)) is not None:
+            part: str = kind
+            if kind == "branch point":  # back to the plane from which it came
+                part = "z" if uncoupled(self.motion, self.start.orbit)[0][0] == 0 else "x"
+            if (met := meeting(step, part, known, 0.01)) is not None:
                 return kind, met
         return None
 
@@ -711,7 +720,10 @@ class _Follower(Tracer[OrbitProblem]):
                     speed, error = 0.5 * (low + high), 0.5 * abs(low - high)
                     kind, passing = cast(EventKind, name), test.multipliers[s]
                     event = CycleEvent(kind, speed, error, passing, cycle.amplitude)
-                    leaves = event.kind not in ("torus", "branch point")
+                    leaves = event.kind != "torus"
+                    if event.kind == "branch point":  # else the motions precess, or leave no plane
+                        flat = len(uncoupled(self.motion, cycle.orbit)) == 2
+                        leaves = flat and not self.motion.axisymmetric
                     if leaves and self.options.holds(event.speed):
                         stable = cycle.stable or not test.positive(before)
                         self.forks.append((event, cycle.orbit, stable))

@@ -149,19 +149,23 @@ def from_hopf(
 
 
 def from_branch_point(
-    motion: VectorField, orbit: PeriodicOrbit, among: slice | NDArray[np.intp] = EVERY
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    root: float = -1.0,
+    among: slice | NDArray[np.intp] = EVERY,
 ) -> BranchStart:
     """The start of the branch that leaves an orbit in its neutral direction.
 
-    At this orbit the branch loses its symmetry or, having none, doubles its period. among: entries
-    of the first state that change.
+    With the root -1 the branch loses the symmetry of this orbit or, if it has none, doubles its
+    period; with the root 1 it keeps both, and leaves a plane. among: entries of the first state
+    that change.
     """
     equations = OrbitProblem(motion, orbit, FINE).about_orbit(orbit)
-    # In the second half the perturbation has the opposite sign, relative to the orbit's own motion.
-    direction = orbit.unpacked(equations.neutral(-1.0, among)).doubled(-1.0).packed()
-    base = orbit.doubled()
-    length = OrbitProblem(motion, base, FINE).length(direction)
-    return BranchStart(base, FIRST_AMPLITUDE / length * direction)
+    direction = equations.neutral(root, among)
+    if root < 0.0:  # in the second half it has the opposite sign, relative to the orbit's motion
+        direction, orbit = orbit.unpacked(direction).doubled(-1.0).packed(), orbit.doubled()
+    length = OrbitProblem(motion, orbit, FINE).length(direction)
+    return BranchStart(orbit, FIRST_AMPLITUDE / length * direction)
 
 
 def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
