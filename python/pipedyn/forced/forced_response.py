@@ -16,7 +16,6 @@ no plane, branches of motions with less symmetry or twice the period begin.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from copy import copy
@@ -31,7 +30,6 @@ from pipedyn.attraction.motion_ends import Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.continuation.arclength import Point
 from pipedyn.continuation.tracer import Tracer, between_folds, special_points
-from pipedyn.cycles.branches import GENERATIONS
 from pipedyn.cycles.limit_cycle import (
     PeriodicMotion,
     amplitude_across,
@@ -267,10 +265,9 @@ class ForcedResponse(TableResult):
     Attributes:
         branches: branches, each followed from one end. If the branch of a moving base or a force
             was lost on the way from the lowest frequency, another one begins at the highest. In
-            three dimensions each is followed by those that leave its plane and by offshoots, and
-            those by offshoots that leave them beside stable motions. No branch is followed from
-            these in turn, nor from an event "torus" or "branch point", nor from a "pitchfork" or
-            "period doubling" of motions that stay in their plane or precess.
+            three dimensions each is followed by those that leave its plane and by offshoots. No
+            branch is followed from these in turn, nor from an event "torus" or "branch point", nor
+            from a "pitchfork" or "period doubling" of motions that stay in their plane or precess.
         forcing: amplitude and direction of the base's motion, or mean and amplitude of the flow's,
             or the force.
         u: flow speed, in a pulsating flow its mean.
@@ -415,15 +412,12 @@ def forced_response(
         )
     with one_thread(2 * model.integrated):
         for begun in starts:
-            queue = deque([(begun, GENERATIONS)])
-            while queue:
-                tracer, generations = queue.popleft()
-                if tracer.is_end_of(branches):
-                    continue  # the branch was followed to here from its other end
-                branches.append(tracer.branch(shown))
-                if generations:
-                    leaving = tracer.offshoots(generations == GENERATIONS)
-                    queue.extend((one, generations - 1) for one in leaving)
+            if begun.is_end_of(branches):
+                continue  # the branch was followed to here from the region's other edge
+            branches.append(begun.branch(shown))
+            for leaving in begun.offshoots():
+                if not leaving.is_end_of(branches):
+                    branches.append(leaving.branch(shown))
     branches = [replace(branch, azimuth=azimuth) for branch in branches]
     return ForcedResponse(
         branches=tuple(branches),
@@ -668,15 +662,13 @@ def _point_of_orbit(motion: ForcedField, orbit: PeriodicOrbit) -> _ForcedPoint:
 class _Passing(NamedTuple):
     """An event on a step: where, its kind, the root that passes, and whether it is across.
 
-    A root is across if its perturbations leave the plane of the motion. `stable` tells whether
-    motions on one side of the event are stable.
+    A root is across if its perturbations leave the plane of the motion.
     """
 
     s: float
     kind: EventKind
     root: complex = 1.0
     across: bool = False
-    stable: bool = False
 
 
 def _events_on(step: Step, motion: ForcedField) -> Iterator[_Passing]:
@@ -715,8 +707,7 @@ def _events_on(step: Step, motion: ForcedField) -> Iterator[_Passing]:
                 kind = "pitchfork"
             elif kind == "fold" and motion.model.dimensions == 3 and len(tests) == 1:
                 kind = "branch point"  # away from folds
-            stable = passing == sum(one.positive(beyond) for one in tests if one is not test) == 0
-            passings[kind, beyond] = _Passing(beyond, kind, root, which == 1, stable)
+            passings[kind, beyond] = _Passing(beyond, kind, root, which == 1)
             return "" if kind == "fold" else kind
 
         test = CircleTest(step, 1e-3 * step.length, values, name, {}, NEAR_FOLD, roots=roots)
@@ -776,10 +767,10 @@ class _ForcedTracer(Tracer[OrbitProblem]):
             for one in branches
         )
 
-    def offshoots(self, every: bool) -> Iterator[_ForcedTracer]:
-        """Branches that leave this one at its forks, or only at those beside stable motions."""
+    def offshoots(self) -> Iterator[_ForcedTracer]:
+        """Branches that leave this one at its forks."""
         met = [self.motion.order * orbit.frequency for _, orbit in self.forks]
-        for passing, orbit in (fork for fork in self.forks if every or fork[0].stable):
+        for passing, orbit in self.forks:
             motion, start = _leaving(self.motion, orbit, passing)
             kind: BranchKind = "out of plane" if passing.across else "offshoot"
             meets: Sequence[str] = (passing.kind,)
