@@ -43,7 +43,8 @@ from pipedyn.util.result import RATE, Result, TableResult, numbered_columns
 
 EQUILIBRIA_DOF = 500
 """Most degrees of freedom in which equilibria are searched. A search in a chain takes 0.4 s with
-100 segments, 1 s with 250 and 6 s with 500, as factorisations are dense."""
+100 segments, 1 s with 250 and 6 s with 500, as factorisations are dense; one in space 7 s with 125
+and 29 s with 250."""
 
 TEN_TURNS = 60.0
 """Largest coordinate, about ten turns in rad, up to which equilibria are searched and followed."""
