@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Rests out of the plane of a load, against scipy's root from random starts, Jacobians, motions."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -271,6 +272,22 @@ def test_a_pipe_with_two_planes_of_symmetry_buckles_in_the_softer_one():
     assert ends
     for end in ends:
         assert np.abs(np.array(speeds) - end).min() < 1e-9
+
+
+def test_short_branches_end_where_they_must_and_none_leave_where_a_stop_is_met():
+    barred = pp.Stop(0.8, 0.3, 100.0, stiffness_across=0.0)
+    pipe = replace(LEANING, gamma=-15.0, terms=[pp.Load(1.0, (0.2, 0.0)), barred])
+    found = pp.bifurcation_diagram(chain(pipe, 2), [2.0, 2.8], cycles=0)
+    assert not found.failures  # although the stiffness passes 0 by a jump at u = 2.41
+    spatial = [one for one in found.equilibria if np.ptp(one.tips[:, 2]) > 1e-6]
+    right, _ = (one for one in spatial if one.ends == ("branch point", "branch point"))
+    assert np.ptp(right.tips[:, 2]) < 0.1
+    every = [one.speed for b in found.equilibria if b not in spatial for one in b.points]
+    for point in right.points:
+        assert np.abs(np.array(every) - point.speed).min() < 1e-6
+    for k, one in enumerate(spatial):
+        others = (np.abs(one.q[len(one) // 2] - other.q).max(axis=1).min() for other in spatial[:k])
+        assert min(others, default=1.0) > 1e-3
 
 
 def test_a_start_out_of_the_plane_leads_to_a_rest_there_or_is_refused_far_from_any():
