@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Rests out of the plane of a load, against scipy's root from random starts, Jacobians, motions."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -236,16 +237,22 @@ def test_every_rest_that_random_starts_find_lies_on_a_branch_of_the_diagram():
     assert met >= 6
 
 
-def test_cycles_are_followed_from_onsets_of_rests_out_of_the_plane():
+def test_cycles_begin_and_end_at_onsets_of_rests_out_of_the_plane():
     found, model = diagram(), chain(TWO_PLANES, 3)
-    onset = next(one for one in found.equilibria[1].points if one.kind == "hopf")
-    hopf = pp.hopf(model, onset)
-    branch = next(one for one in found.cycles if one.onset == pytest.approx(onset.speed))
-    assert hopf.frequency == pytest.approx(branch.frequencies[0], rel=1e-6)
-    cycle = branch.at(4.0)[0]
+    onsets = [point for point in found.equilibria[1].points if point.kind == "hopf"]
+    within, leaving, between = found.cycles
+    assert [one.origin for one in found.cycles] == ["hopf", "branch point", "hopf"]
+    # Cycles that leave the plane come to rest where the rest that left it begins to flutter.
+    assert leaving.onset in [event.speed for event in within.events]
+    assert leaving.events[-1].kind == "hopf"
+    ends = [leaving.events[-1].speed, between.onset, between.events[-1].speed]
+    assert ends == pytest.approx([one.speed for one in onsets], rel=1e-6)
+    hopf = pp.hopf(model, onsets[1])
+    assert between.frequencies[0] == pytest.approx(hopf.frequency, rel=1e-6)
+    (cycle,) = leaving.at(4.0)
     motion = pp.simulate(model, 4.0, cycle.period, cycle.q[0], cycle.qdot[0], rtol=1e-10, samples=2)
     assert motion.q[-1] == pytest.approx(cycle.q[0], abs=1e-6)
-    assert np.abs(cycle.tip[:, 2].mean()) > 0.05
+    assert np.abs(cycle.tip[:, 2]).max() > 0.01
 
 
 def test_a_pipe_with_two_planes_of_symmetry_buckles_in_the_softer_one():
@@ -265,6 +272,22 @@ def test_a_pipe_with_two_planes_of_symmetry_buckles_in_the_softer_one():
     assert ends
     for end in ends:
         assert np.abs(np.array(speeds) - end).min() < 1e-9
+
+
+def test_short_branches_end_where_they_must_and_none_leave_where_a_stop_is_met():
+    barred = pp.Stop(0.8, 0.3, 100.0, stiffness_across=0.0)
+    pipe = replace(LEANING, gamma=-15.0, terms=[pp.Load(1.0, (0.2, 0.0)), barred])
+    found = pp.bifurcation_diagram(chain(pipe, 2), [2.0, 2.8], cycles=0)
+    assert not found.failures  # although the stiffness passes 0 by a jump at u = 2.41
+    spatial = [one for one in found.equilibria if np.ptp(one.tips[:, 2]) > 1e-6]
+    right, _ = (one for one in spatial if one.ends == ("branch point", "branch point"))
+    assert np.ptp(right.tips[:, 2]) < 0.1
+    every = [one.speed for b in found.equilibria if b not in spatial for one in b.points]
+    for point in right.points:
+        assert np.abs(np.array(every) - point.speed).min() < 1e-6
+    for k, one in enumerate(spatial):
+        others = (np.abs(one.q[len(one) // 2] - other.q).max(axis=1).min() for other in spatial[:k])
+        assert min(others, default=1.0) > 1e-3
 
 
 def test_a_start_out_of_the_plane_leads_to_a_rest_there_or_is_refused_far_from_any():

@@ -239,7 +239,8 @@ def test_circular_motions_are_followed_past_folds():
 def test_a_diagram_of_a_level_pipe_follows_cycles_that_leave_its_plane():
     found = pp.bifurcation_diagram(LEVEL, np.linspace(5.4, 6.2, 5), brute_force=1)
     assert not found.rotating
-    across, within = found.cycles[:2]
+    across, whirling, within = found.cycles[:3]
+    assert whirling.onset == across.events[1].speed
     assert across.onset == pytest.approx(pp.critical_speed(LEVEL).speed, rel=1e-6)
     assert within.onset == pytest.approx(in_plane(LEVEL).speed, rel=1e-6)
     assert not within.stable.any()

@@ -82,6 +82,10 @@ the nearest of them. This number was chosen; others were not measured."""
 FORKS = "pitchfork", "branch point"
 """Kinds of points at which branches of equilibria may leave another one, and end."""
 
+SAME_JOINT = 1e-3
+"""Largest difference, in speed and coordinates together, of two places where branches of equilibria
+meet that are one: next to a stop a place is known to 1e-5."""
+
 NEAR_BRANCH = 0.1
 """Largest relative difference of speeds at which motions begin beside the nearest cycle of a branch
 that has none at a speed: an attractor that is born where a branch ends or is lost attracts few of
@@ -326,7 +330,7 @@ def equilibrium_branches(
 ) -> tuple[EquilibriumBranch, ...]:
     """Branches through the equilibria at three of the speeds, each once, and their offshoots."""
     ends, marks = (float(speeds[0]), float(speeds[-1])), seeds(speeds)
-    branches, starts = list[EquilibriumBranch](), list[tuple[float, Array]]()
+    branches, starts, done = list[EquilibriumBranch](), list[tuple[float, Array]](), 0
     for u in track(marks, len(marks), "equilibria", shown):
         try:
             starts += [(u, q) for q in searched(model, u, (), counted=False).q]
@@ -346,26 +350,27 @@ def equilibrium_branches(
                 branches.append(equilibrium_branch(model, q, u, ends))
             except PipedynError as error:
                 failed.append((u, error))
-        if leaves_planes(model):
-            add_offshoots(model, branches, marks, ends, failed)
+        while leaves_planes(model) and done < len(branches):
+            add_offshoots(branches, branches[done], marks, ends, failed)
+            done += 1
     return tuple(branches)
 
 
 def add_offshoots(
-    model: Model,
     branches: list[EquilibriumBranch],
+    branch: EquilibriumBranch,
     marks: list[float],
     ends: tuple[float, float],
     failed: list[Failed],
 ) -> None:
-    """Adds the branches that leave others, and one another, out of the plane of a load."""
-    for point in (point for branch in branches for point in branch.points):
-        ended = (b.points[k] for b in branches for k in (0, -1) if b.ends[k] in FORKS)
-        same = (abs(one.speed - point.speed) + np.abs(one.q - point.q).max() for one in ended)
-        if point.kind not in FORKS or min(same, default=1.0) < 1e-5 * (1.0 + point.speed):
+    """Adds the branches of equilibria that leave one of them out of the plane of a load."""
+    for point in (one for one in branch.points if one.kind in FORKS):
+        joints = (b.points[k] for b in branches for k in (0, -1) if b.ends[k] in FORKS)
+        apart = (abs(one.speed - point.speed) + np.abs(one.q - point.q).max() for one in joints)
+        if min(apart, default=math.inf) < SAME_JOINT:
             continue
         try:
-            branches += offshoots(model, point, ends, marks)
+            branches += offshoots(branch.model, point, ends, marks)
         except (NewtonFailed, PipedynError) as reason:
             report = f"the equilibria that leave others at u = {point.speed:g} were not followed: "
             failed.append((point.speed, NotConverged(f"{report}{reason}")))

@@ -49,6 +49,7 @@ from pipedyn.orbits.floquet import (
     beyond_circle,
     nontrivial,
     orbit_multipliers,
+    uncoupled,
 )
 from pipedyn.orbits.orbit_continuation import (
     FINE,
@@ -59,6 +60,7 @@ from pipedyn.orbits.orbit_continuation import (
     Meeting,
     Step,
     both_ways,
+    breaking_part,
     from_branch_point,
     from_hopf,
     meeting,
@@ -116,7 +118,7 @@ GENERATIONS = 2
 """Number of generations of cycles that leave cycles that are followed: all of the first, then those
 that leave stable ones, since their number may grow without end (a cascade of period doublings)."""
 
-Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
+Origin = Literal["hopf", "pitchfork", "period doubling", "branch point", "motion"]
 
 
 @saved_as("CycleEvent")
@@ -129,8 +131,10 @@ class CycleEvent(Result, units={"error": SPEED}):
             multiplier passes -1), "torus" (a pair passes the unit circle), "grazing" (it begins or
             ceases to touch a stop), "hopf" (its amplitude falls to 0), "infinite period" (the
             frequency falls towards 0, as where a cycle meets an equilibrium), "branch point" (in
-            three dimensions, motions across the plane of the cycle begin or cease to grow; those
-            that leave it there are not followed) or "end" (it was not followed further).
+            three dimensions, motions across the plane of the cycle begin or cease to grow, or ones
+            that are not, half a period later, their mirror images in the plane z = 0; those that
+            leave there are followed unless the pipe is the same in all directions, where they
+            precess) or "end" (it was not followed further).
         speed: u.
         error: half the length of the interval of speeds that is known to contain the event.
         multiplier: the multiplier that passes, on the unit circle: 1 at a fold and a pitchfork, and
@@ -176,9 +180,10 @@ class CycleBranch(TableResult):
             `limit_cycle` or are listed as failures, those between some 1e-5. At a Hopf point
             the cycle has no amplitude, and multipliers as the pipe at rest after a period.
         mirrored: whether the mirror images of its cycles are other cycles; they are not listed.
-        origin: beginning of the branch: "hopf" (at an equilibrium), "pitchfork" or "period
-            doubling" (of a branch of cycles), or "motion" (a motion ended on one of its cycles, and
-            the branch was followed both ways from it; it is listed from the end at lower speeds).
+        origin: beginning of the branch: "hopf" (at an equilibrium), "pitchfork", "period
+            doubling" or "branch point" (of a branch of cycles), or "motion" (a motion ended on one
+            of its cycles, and the branch was followed both ways from it; it is listed from the end
+            at lower speeds).
         onset: flow speed at which it begins, NaN if that is unknown.
     """
 
@@ -320,8 +325,10 @@ def traced(
             if any(end is not None and event.same(end) for end in ends):
                 continue
             if generations == GENERATIONS or (stable and generations > 0):
-                start = from_branch_point(motion, orbit)
-                trace([start], event, generations - 1, fastest)
+                given: tuple[Any, ...] = motion, orbit
+                if event.kind == "branch point":
+                    given = *given, 1.0, uncoupled(motion, orbit)[-1]
+                trace([from_branch_point(*given)], event, generations - 1, fastest)
 
     with one_thread(motion.size):
         if isinstance(begin, PeriodicOrbit):
@@ -670,9 +677,13 @@ class _Follower(Tracer[OrbitProblem]):
         if not begin.symmetric and self.motion.is_odd(begin.u):
             kinds.append("pitchfork")
         onsets = np.array([onset for onset in self.options.onsets if onset != self.onset])
-        for kind in kinds:
+        tries: list[tuple[EventKind, str]] = [(kind, kind) for kind in kinds]
+        if self.begin is not None and self.begin.kind == "branch point":
+            parts = (part for part in ("z", "x", "image") if _breaks(begin, part))
+            tries += [("branch point", part) for part in parts]
+        for kind, part in tries:
             known = onsets if kind == "hopf" else np.empty(0)
-            if (met := meeting(step, kind, known, 0.01)) is not None:
+            if (met := meeting(step, part, known, 0.01)) is not None:
                 return kind, met
         return None
 
@@ -711,7 +722,12 @@ class _Follower(Tracer[OrbitProblem]):
                     speed, error = 0.5 * (low + high), 0.5 * abs(low - high)
                     kind, passing = cast(EventKind, name), test.multipliers[s]
                     event = CycleEvent(kind, speed, error, passing, cycle.amplitude)
-                    leaves = event.kind not in ("torus", "branch point")
+                    leaves = event.kind != "torus"
+                    if event.kind == "branch point":  # of others that leave, motions precess
+                        leaves = not self.motion.axisymmetric and (
+                            len(uncoupled(self.motion, cycle.orbit)) == 2
+                            or not _breaks(cycle.orbit, "image")
+                        )
                     if leaves and self.options.holds(event.speed):
                         stable = cycle.stable or not test.positive(before)
                         self.forks.append((event, cycle.orbit, stable))
@@ -774,6 +790,11 @@ class _Follower(Tracer[OrbitProblem]):
         if self.begin is not None or cycle.u != first.u or len(self.cycles) < 4:
             return False
         return same_cycle(cycle, first.frequency, amplitude_of(self.motion, first)[0])
+
+
+def _breaks(orbit: PeriodicOrbit, kind: str) -> bool:
+    """Whether an orbit has the part of `breaking_part` beyond the error of orbits on branches."""
+    return float(np.abs(breaking_part(orbit, kind)).max()) > 1e-6 * orbit.size
 
 
 def _steepness(speeds: list[float], frequencies: list[float]) -> float:

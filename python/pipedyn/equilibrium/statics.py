@@ -42,6 +42,9 @@ NEARER = 0.95
 speed, whose difference falls as the square of the way left, is extrapolated; at the pitchfork
 itself the equations are singular."""
 
+HALVINGS = 8
+"""Number of times that a step is about halved towards a pitchfork, before that extrapolation."""
+
 ALONG = np.linspace(0.0, 1.0, 201)
 """Arc lengths s, in lengths of the pipe, at which shapes are compared."""
 
@@ -322,12 +325,17 @@ class StaticsInSpace(Statics):
             landed = sizes[1] < 1e-9
             if sizes[0] < 1e-9 or max(sizes) > farthest or not (landed or float(x @ y) < 0.0):
                 continue
-            here, ways = a, list[float]()
+            problem, here, beyond, ways = step.problem, a, b, list[float]()
+            for _ in range(HALVINGS):  # the branch may be no longer than a step
+                apart = problem.product(here.tangent, beyond.z - here.z)
+                middle = problem.at(here, 0.45 * apart)
+                same = float(middle.z[mirrored] @ x) > 0.0
+                here, beyond = (middle, beyond) if same else (here, middle)
             for share in (NEARER, NEARER, 1.0):
                 away, by = here.z[mirrored], here.tangent[mirrored]
                 ways.append(-float(away @ away) / float(away @ by))
                 if share < 1.0:
-                    here = step.problem.at(here, share * ways[-1])
+                    here = problem.at(here, share * ways[-1])
             fork = here.z + 0.5 * ways[-1] * here.tangent
             fork[mirrored] = 0.0
             until = 0.0 if landed else 0.98 * step.length * sizes[0] / sum(sizes)

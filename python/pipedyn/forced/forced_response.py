@@ -881,14 +881,12 @@ def _leaving(
     The motions have the symmetry and the period of the orbit if the root is 1. If it is -1, they
     are not symmetric or, if the orbit is not either, have twice its period.
     """
-    across = uncoupled(motion, orbit)[int(passing.across)]
-    if passing.root.real < 0.0:
-        orders = motion if orbit.symmetric else motion.of_order(2 * motion.order)
+    root, orders = math.copysign(1.0, passing.root.real), motion
+    if root < 0.0 and not orbit.symmetric:
+        orders = motion.of_order(2 * motion.order)
         orders.reach = motion.reach
-        return orders, from_branch_point(motion, orbit, across)
-    towards = OrbitProblem(motion, orbit, FINE).about_orbit(orbit).neutral(1.0, across)
-    length = OrbitProblem(motion, orbit, FINE).length(towards)
-    return motion, BranchStart(orbit, FIRST_AMPLITUDE / length * towards)
+    among = uncoupled(motion, orbit)[int(passing.across)]
+    return orders, from_branch_point(motion, orbit, root, among)
 
 
 def _refined_motion(

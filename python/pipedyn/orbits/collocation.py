@@ -84,12 +84,11 @@ class Linearised:
         speed_varies: bool = False,
         azimuth: Array | None = None,
     ) -> None:
-        self.orbit, self._phase = orbit, phase
+        self._motion, self.orbit, self._phase = motion, orbit, phase
         self._equations = condensed(motion, orbit, speed_varies)
         self._turned, self._turn = turn_of(motion, orbit), NONE
         if self._turned.any():
-            first = self._turned[: motion.size] / _units(motion.half, self._equations.unit)
-            self._turn = first / np.linalg.norm(first)
+            self._turn = self._unit(self._turned[: motion.size])
         self._azimuth = self._turned if azimuth is None else azimuth
 
     def __call__(self, row: Array, gap: float, share: float) -> Array:
@@ -111,6 +110,19 @@ class Linearised:
         count_factorisations()
         return self._equations.change(phase, shift, row, gap, share, self._turn)
 
+    def _unit(self, change: Array) -> Array:
+        """Change of a state, (n,), in units of the state and of unit length."""
+        scaled = change / _units(len(change) // 2, self._equations.unit)
+        return np.asarray(scaled / np.linalg.norm(scaled))
+
+    @property
+    def _shift(self) -> Array:
+        """Change of the first state by a shift of the phase; empty if the motion is forced."""
+        first = self.orbit.starts[0]
+        if self._motion.forced:
+            return NONE
+        return self._unit(self._motion(first[:, None].copy(), self.orbit.u)[:, 0])
+
     @property
     def closing(self) -> tuple[Array, Array]:
         """L and R, (n, n) each, of L y(0) + R y(span) = 0 for the linearised equations.
@@ -123,13 +135,15 @@ class Linearised:
         """The change at fixed speed that minimises the error of dy(span) = root * mirror * dy(0).
 
         With the root -1 the error is 0 where an orbit loses its symmetry or doubles its period. A
-        turn about the axis is left out. among: entries of dy(0) that change.
+        turn about the axis and, of motions that are not forced, a shift of the phase are left out.
+        among: entries of dy(0) that change.
         """
         factor = root * self.orbit.mirror_sign
         first, last = self.closing
         left, y = first + factor * last, np.zeros(len(first))
-        if root == 1.0 and self._turn.size:
-            left = left + np.outer(self._turn, self._turn)
+        for same in (self._turn, self._shift) if root == 1.0 else ():
+            if same.size:
+                left = left + np.outer(same, same)
         y[among] = np.linalg.svd(left[:, among])[2][-1]
         ends = np.concatenate([y, factor * y])[:, None]
         return self._equations.restored(ends, np.zeros((3, 1)))[:, 0]

@@ -149,19 +149,23 @@ def from_hopf(
 
 
 def from_branch_point(
-    motion: VectorField, orbit: PeriodicOrbit, among: slice | NDArray[np.intp] = EVERY
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    root: float = -1.0,
+    among: slice | NDArray[np.intp] = EVERY,
 ) -> BranchStart:
     """The start of the branch that leaves an orbit in its neutral direction.
 
-    At this orbit the branch loses its symmetry or, having none, doubles its period. among: entries
+    With the root -1 the branch loses the symmetry of this orbit or, if it has none, doubles its
+    period; with the root 1 it keeps both, and leaves a plane or another symmetry. among: entries
     of the first state that change.
     """
     equations = OrbitProblem(motion, orbit, FINE).about_orbit(orbit)
-    # In the second half the perturbation has the opposite sign, relative to the orbit's own motion.
-    direction = orbit.unpacked(equations.neutral(-1.0, among)).doubled(-1.0).packed()
-    base = orbit.doubled()
-    length = OrbitProblem(motion, base, FINE).length(direction)
-    return BranchStart(base, FIRST_AMPLITUDE / length * direction)
+    direction = equations.neutral(root, among)
+    if root < 0.0:  # in the second half it has the opposite sign, relative to the orbit's motion
+        direction, orbit = orbit.unpacked(direction).doubled(-1.0).packed(), orbit.doubled()
+    length = OrbitProblem(motion, orbit, FINE).length(direction)
+    return BranchStart(orbit, FIRST_AMPLITUDE / length * direction)
 
 
 def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
@@ -291,7 +295,8 @@ def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
 
     The other branch is of equilibria ("hopf"), of orbits that are their own mirror images
     ("pitchfork"), of orbits with half the period ("period doubling") or, in three dimensions, of
-    orbits in the plane z = 0 ("z") or x = 0 ("x").
+    orbits in the plane z = 0 ("z") or x = 0 ("x"), or of those that half a period later are their
+    mirror images in the plane z = 0 ("image").
     """
     p = orbit.states(PROBES)[: orbit.half].T
     if kind == "hopf":
@@ -299,6 +304,8 @@ def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
     if kind in ("x", "z"):
         return np.split(p, 2, axis=1)[int(kind == "z")]
     later = np.roll(p, -PROBES.size // 2, axis=0)
+    if kind == "image":
+        return 0.5 * (p - later * np.repeat([1.0, -1.0], orbit.half // 2))
     return 0.5 * (p + later if kind == "pitchfork" else p - later)
 
 
