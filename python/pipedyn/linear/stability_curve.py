@@ -265,8 +265,6 @@ def sweep(
     for batch, solved in zip(parts, done, strict=True):
         answered = [solved] * len(batch) if isinstance(solved, Exception) else solved
         for i, one in zip(batch, answered, strict=True):
-            for compiled in ("core", "_chain"):  # results keep their models, but not these
-                vars(outcomes[i]).pop(compiled, None)
             outcomes[i] = one
     answers = [None if isinstance(one, Exception) else one for one in outcomes]
     errors = [(i, one) for i, one in enumerate(outcomes) if isinstance(one, Exception)]
