@@ -75,7 +75,7 @@ EIGENVALUE_ROUNDING = 1e-9
 ALWAYS = ("beta", "gamma", "damping")
 """Numbers of the pipe that always have a slider; their sliders follow the slider of u."""
 
-ANGLES = ("inclination", "jet_angle")
+BENDING = ("inclination", "jet_angle")
 """Numbers of the pipe that have no slider, as they bend it."""
 
 FRAMES = 16
@@ -417,7 +417,7 @@ def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
     own = {"u": {"low": 0.0, "high": 1e3}, "segments": {"low": 1.0, "high": float(MOST_SEGMENTS)}}
     found = {}
     for name in ranges:
-        straight = name not in ANGLES
+        straight = name not in BENDING
         if name in own:
             found[name] = check.interval(f"ranges[{name!r}]", ranges[name], **own[name])
         else:
@@ -443,7 +443,7 @@ def _slider_numbers(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumbe
         number = numbers[name]
         holder = type(pipe if number.term is None else pipe.terms[number.term])
         usual = number.of(pipe) == getattr(holder, number.attribute, None)
-        if name not in ANGLES and (name in given or name in ALWAYS or not usual):
+        if name not in BENDING and (name in given or name in ALWAYS or not usual):
             found[name] = number
     return found
 
