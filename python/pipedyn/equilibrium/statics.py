@@ -42,7 +42,7 @@ NEARER = 0.95
 speed, whose difference falls as the square of the way left, is extrapolated; at the pitchfork
 itself the equations are singular."""
 
-HALVINGS = 8
+TOWARDS_FORK = 8
 """Number of times that a step is about halved towards a pitchfork, before that extrapolation."""
 
 ALONG = np.linspace(0.0, 1.0, 201)
@@ -326,7 +326,7 @@ class StaticsInSpace(Statics):
             if sizes[0] < 1e-9 or max(sizes) > farthest or not (landed or float(x @ y) < 0.0):
                 continue
             problem, here, beyond, ways = step.problem, a, b, list[float]()
-            for _ in range(HALVINGS):  # the branch may be no longer than a step
+            for _ in range(TOWARDS_FORK):  # the branch may be no longer than a step
                 apart = problem.product(here.tangent, beyond.z - here.z)
                 middle = problem.at(here, 0.45 * apart)
                 same = float(middle.z[mirrored] @ x) > 0.0
