@@ -898,8 +898,10 @@ def test_only_a_symmetric_pipe_has_a_multiplier_1_across_the_plane_of_a_cycle(ki
         "level": pp.Pipe(0.2, 1.0, inclination=1.0),
     }[kind]
     chain = pp.Chain(pipe, 4, dimensions=3)
-    # A level pipe flutters across its plane first; from there the cycle leaves every plane.
-    cycle = pp.limit_cycle(chain, 6.5, start=pp.hopf(chain) if kind == "level" else None)
+    # A level pipe flutters across its plane first; that cycle lies in no plane. Near u = 5.4 those
+    # of both onsets come so close that rounding would decide on which of them a longer way ends.
+    first = kind == "level"
+    cycle = pp.limit_cycle(chain, 5.2 if first else 6.5, start=pp.hopf(chain) if first else None)
     assert (np.abs(cycle.multipliers - 1.0) < 1e-5).sum() == ones
     assert cycle.others.size == cycle.multipliers.size - ones
     if kind == "level":  # it lies in no plane
