@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from pipedyn import _core
 from pipedyn.continuation.tracer import TestFunction
 from pipedyn.linear.eigenproblem import eigenproblem, select_pairs
 from pipedyn.linear.neutral import beyond_rounding
@@ -178,10 +178,10 @@ def matched(values: Complex, others: Complex) -> NDArray[np.intp]:
     nearest = apart.argmin(axis=1)
     if values.size == others.size == len(set(nearest.tolist())):  # as is most often the case
         return nearest
-    rows, columns = scipy.optimize.linear_sum_assignment(apart / (1.0 + np.abs(values[:, None])))
-    found = np.full(values.size, -1)
-    found[rows] = columns
-    return found
+    cost = np.zeros((max(apart.shape), max(apart.shape)))  # of those beyond, all are alike
+    cost[: values.size, : others.size] = apart / (1.0 + np.abs(values[:, None]))
+    columns = np.array(_core.assignment(cost)[: values.size])
+    return np.where(columns < others.size, columns, -1)
 
 
 @dataclass
