@@ -35,6 +35,8 @@ CALLED_WITH_CHECKED |= {
     "from_plane",
     "into_plane",
     "nearest_in_plane",
+    "lies_in_plane",
+    "inertia",
     "beyond_reach",
 }
 CALLED_WITH_CHECKED |= {"onto_constraints", "rate", "require_equilibrium", "sampled", "to_user"}

@@ -338,7 +338,8 @@ def line_starts(
     def add(along: int, line: Array, value: float, frequency: float, across: bool | None) -> None:
         x, y = (on(line, along, value) - window.low) / window.size
         z = np.array([frequency, y, x] if frequency else [y, x])
-        found.append(CurveStart(z, -2 if along == 0 else -1, int(bool(across))))
+        own = int(bool(across and plane.rest_size))  # straight pipes have one for all motions
+        found.append(CurveStart(z, -2 if along == 0 else -1, own))
 
     for along in (1, 0):
         by_speed = plane.speed_index == along

@@ -571,12 +571,19 @@ class Model(OfPipe, ABC):
             >>> chain.rhs(0.0, np.zeros((4, 256)), 4.0).shape
             (4, 256)
         """
-        return self._rhs(t, y, u, self._drive(y, u_dot, base))
+        steady = u_dot is None and base is None  # then a call of `_drive` is saved
+        return self._rhs(t, y, u, None if steady else self._drive(y, u_dot, base))
 
     @cached_property
     def _rhs(self) -> Callable[..., Array]:
         """The compiled `rhs`, kept as looking it up takes a tenth of a call."""
         return self.equations.rhs
+
+    @cached_property
+    def _jacobian(self) -> Callable[..., Array]:
+        """The compiled `jacobian`, kept like `_rhs`."""
+        self._check_dense()
+        return self.equations.jacobian
 
     def _drive(self, y: ArrayLike, u_dot: Any, base: Any) -> Array | None:
         """The drive in the core's form for states y, (ROWS,) or (ROWS, k); None without forcing.
@@ -647,8 +654,7 @@ class Model(OfPipe, ABC):
             NotResolved: as for `rhs`.
             ValueError: also for a chain with more than 4000 segments.
         """
-        self._check_dense()
-        return self.equations.jacobian(t, y, u, self._drive(y, u_dot, base))
+        return self._jacobian(t, y, u, self._drive(y, u_dot, base))
 
     @property
     def integrated(self) -> int:
