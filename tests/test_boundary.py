@@ -579,7 +579,7 @@ WINDOW = {"beta": (0.1, 0.9), "u": (0.0, 9.0)}
     ("words", "message"),
     [
         (("drag", "u", {"drag": (0, 1), "u": (0, 1)}), "x must have a part in small motions"),
-        (("beta", "jet_angle", {}), "y must have a part in small motions"),
+        (("beta", "drag", {}), "y must have a part in small motions"),
         (("mass", "u", {}), "x must be one of 'u', 'beta', 'gamma'"),
         (("Stop.gap", "u", {}), "x must be one of 'u', 'beta', 'gamma'"),
         (("beta", "beta", WINDOW), "x and y must be two numbers, got 'beta' and 'beta'"),
