@@ -51,7 +51,7 @@ from pipedyn.equilibrium.equilibria import (
 )
 from pipedyn.equilibrium.hopf import HopfPoint
 from pipedyn.equilibrium.rotating_motion import RotatingBranch, rotating_branch
-from pipedyn.equilibrium.statics import leaves_planes
+from pipedyn.equilibrium.statics import from_start, leaves_planes
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, InputUnits, require_steady
@@ -337,19 +337,16 @@ def equilibrium_branches(
         except PipedynError as error:
             failed.append((u, error))
     # Offshoots of branches in the plane of a load lead to most equilibria out of it.
-    planar = [
-        model.lies_in_plane(model.initial_state(q, None)[: model.integrated]) for _, q in starts
-    ]
-    for within in (True, False):
-        for u, q in (start for start, lies in zip(starts, planar, strict=True) if lies == within):
-            # Branches have points at both ends and at the speed at which they began.
-            passing = np.concatenate([q[None] + math.inf, *(b.q[b.speeds == u] for b in branches)])
-            if np.abs(passing - q).max(axis=1).min() < 1e-5 * (1.0 + np.abs(q).max()):
-                continue
-            try:
-                branches.append(equilibrium_branch(model, q, u, ends))
-            except PipedynError as error:
-                failed.append((u, error))
+    starts.sort(key=lambda start: not model.lies_in_plane(from_start(model, "q0", start[1])))
+    for u, q in starts:
+        # Branches have points at both ends and at the speed at which they began.
+        passing = np.concatenate([q[None] + math.inf, *(b.q[b.speeds == u] for b in branches)])
+        if np.abs(passing - q).max(axis=1).min() < 1e-5 * (1.0 + np.abs(q).max()):
+            continue
+        try:
+            branches.append(equilibrium_branch(model, q, u, ends))
+        except PipedynError as error:
+            failed.append((u, error))
         while leaves_planes(model) and done < len(branches):
             add_offshoots(branches, branches[done], marks, ends, failed)
             done += 1

@@ -325,10 +325,9 @@ def traced(
             if any(end is not None and event.same(end) for end in ends):
                 continue
             if generations == GENERATIONS or (stable and generations > 0):
-                given: tuple[Any, ...] = motion, orbit
-                if event.kind == "branch point":
-                    given = *given, 1.0, uncoupled(motion, orbit)[-1]
-                trace([from_branch_point(*given)], event, generations - 1, fastest)
+                root = 1.0 if event.kind == "branch point" else -1.0
+                start = from_branch_point(motion, orbit, root)
+                trace([start], event, generations - 1, fastest)
 
     with one_thread(motion.size):
         if isinstance(begin, PeriodicOrbit):
@@ -723,11 +722,9 @@ class _Follower(Tracer[OrbitProblem]):
                     kind, passing = cast(EventKind, name), test.multipliers[s]
                     event = CycleEvent(kind, speed, error, passing, cycle.amplitude)
                     leaves = event.kind != "torus"
-                    if event.kind == "branch point":  # of others that leave, motions precess
-                        leaves = not self.motion.axisymmetric and (
-                            len(uncoupled(self.motion, cycle.orbit)) == 2
-                            or not _breaks(cycle.orbit, "image")
-                        )
+                    if event.kind == "branch point":  # where the cycle has a symmetry to lose
+                        leaves = len(uncoupled(self.motion, cycle.orbit)) == 2
+                        leaves |= not _breaks(cycle.orbit, "image")
                     if leaves and self.options.holds(event.speed):
                         stable = cycle.stable or not test.positive(before)
                         self.forks.append((event, cycle.orbit, stable))

@@ -881,17 +881,17 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         found = special_points(step, 1e-12 if fork is None else 0.0, [growth], until)
         turns = [s for name, _, s in found if name == "fold"]
         for name, before, beyond in found:
-            s: float | None = beyond
+            s = beyond
             if name in ("branch point", "pitchfork"):
-                s = self._singular(step, before, beyond, math.inf if fork is None else 0.9 * until)
-            if s is None and name == "branch point":
-                continue
-            s = beyond if s is None else s
-            # Right beside a pitchfork its own eigenvalue counts as neutral.
-            same = fork is not None and abs(step.at(s).p / fork.p - 1.0) < SAME_FORK
-            same |= any(abs(s - turn) <= 1e-3 * ds for turn in turns)
-            if name not in ("fold", "hopf") and same:
-                continue
+                most = math.inf if fork is None else 0.9 * until
+                singular = self._singular(step, before, beyond, most)
+                if singular is None and name == "branch point":
+                    continue
+                s = beyond if singular is None else singular
+                # Right beside a pitchfork its own eigenvalue counts as neutral.
+                same = fork is not None and abs(step.at(s).p / fork.p - 1.0) < SAME_FORK
+                if same or any(abs(s - turn) <= 1e-3 * ds for turn in turns):
+                    continue
             point = self._point(cast(Change, name), step.at(s))
             self.changes.append(point)
             if 1e-6 * ds < s < (1.0 - 1e-6) * ds:  # otherwise the end of the step is there

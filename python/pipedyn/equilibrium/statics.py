@@ -256,17 +256,27 @@ class Statics(BranchOfRest):
         Returns:
             The pitchfork, and the arc length up to which the step lies on the branch.
         """
-        a, b, rest = step.begin, step.end, self.straightened(step.begin.x)
-        landed = self.straight(b.x)
-        passes = landed or float((a.x - rest) @ (b.x - rest)) < 0.0
-        sizes = self.rms(a.x - rest), self.rms(b.x - rest)
-        if not passes or self.resting.any() or self.straight(a.x) or max(sizes) > farthest:
-            return None
-        speed = self.fork_speed(rest, a.p)
-        if speed is None:
-            return None
-        until = 0.0 if landed else 0.98 * step.length * sizes[0] / sum(sizes)
-        return Point(np.append(rest, speed), a.tangent), until
+        a, b, rest = step.begin.z, step.end.z, np.append(self.straightened(step.begin.x), 0.0)
+        # Beside a stop on one side branches leave the straight pipe, too, though unlike each other.
+        for signs in self.mirrors(step.begin.p) or [-np.ones(self.size)]:
+            mirrored = np.append(signs < 0.0, False)
+            x, y = ((z - rest)[mirrored] for z in (a, b))
+            before, beyond = self.rms(x), self.rms(y)
+            landed = beyond < 1e-9
+            if before >= 1e-9 and max(before, beyond) <= farthest and (landed or x @ y < 0.0):
+                fork = self.fork_on(step, mirrored)
+                until = 0.0 if landed else 0.98 * step.length * before / (before + beyond)
+                return None if fork is None else (Point(fork, step.begin.tangent), until)
+        return None
+
+    def fork_on(self, step: BranchStep[DenseProblem], mirrored: NDArray[np.bool_]) -> Array | None:
+        """Unknowns z, (integrated + 1,), where a branch meets its mirror image, if they are known.
+
+        mirrored: which entries of z have the opposite sign in the mirror image.
+        """
+        rest = self.straightened(step.begin.x)
+        speed = None if self.resting.any() else self.fork_speed(rest, step.begin.p)
+        return None if speed is None else np.append(rest, speed)
 
 
 class StaticsInSpace(Statics):
@@ -310,37 +320,26 @@ class StaticsInSpace(Statics):
         """The configuration x by tangents that are turned by half a turn at most."""
         return self.within._alike(np.zeros(2 * self.size), np.append(x, 0.0 * x))[: self.size]
 
-    def meeting(
-        self, step: BranchStep[DenseProblem], farthest: float
-    ) -> tuple[Point, float] | None:
-        """The point at which a branch meets its image in a plane or in the axis, as for `Statics`.
+    def fork_on(self, step: BranchStep[DenseProblem], mirrored: NDArray[np.bool_]) -> Array:
+        """Unknowns z where a branch meets its image in a plane or in the axis, as for `Statics`.
 
         At the distance d from there, of what is mirrored, all else differs by the order of d^2.
         """
-        a, b = step.begin, step.end
-        for signs in self.mirrors(a.p):
-            mirrored = np.append(signs < 0.0, False)
-            (x, y) = (point.z[mirrored] for point in (a, b))
-            sizes = [float(np.linalg.norm(part)) / math.sqrt(self.size) for part in (x, y)]
-            landed = sizes[1] < 1e-9
-            if sizes[0] < 1e-9 or max(sizes) > farthest or not (landed or float(x @ y) < 0.0):
-                continue
-            problem, here, beyond, ways = step.problem, a, b, list[float]()
-            for _ in range(TOWARDS_FORK):  # the branch may be no longer than a step
-                apart = problem.product(here.tangent, beyond.z - here.z)
-                middle = problem.at(here, 0.45 * apart)
-                same = float(middle.z[mirrored] @ x) > 0.0
-                here, beyond = (middle, beyond) if same else (here, middle)
-            for share in (NEARER, NEARER, 1.0):
-                away, by = here.z[mirrored], here.tangent[mirrored]
-                ways.append(-float(away @ away) / float(away @ by))
-                if share < 1.0:
-                    here = problem.at(here, share * ways[-1])
-            fork = here.z + 0.5 * ways[-1] * here.tangent
-            fork[mirrored] = 0.0
-            until = 0.0 if landed else 0.98 * step.length * sizes[0] / sum(sizes)
-            return Point(fork, a.tangent), until
-        return None
+        problem, here, beyond, way = step.problem, step.begin, step.end, 0.0
+        x = here.z[mirrored]
+        for _ in range(TOWARDS_FORK):  # the branch may be no longer than a step
+            apart = problem.product(here.tangent, beyond.z - here.z)
+            middle = problem.at(here, 0.45 * apart)
+            same = float(middle.z[mirrored] @ x) > 0.0
+            here, beyond = (middle, beyond) if same else (here, middle)
+        for share in (NEARER, NEARER, 1.0):
+            away, by = here.z[mirrored], here.tangent[mirrored]
+            way = -float(away @ away) / float(away @ by)
+            if share < 1.0:
+                here = problem.at(here, share * way)
+        fork = here.z + 0.5 * way * here.tangent
+        fork[mirrored] = 0.0
+        return fork
 
 
 def leaves_planes(model: Model) -> bool:

@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import BranchStep, DenseProblem
 from pipedyn.continuation.tracer import special_points
@@ -77,13 +76,9 @@ class RootsFollowed:
         order = np.lexsort((-values.imag, np.abs(values).round(9)))
         self.values, self.modes = values[order], np.arange(values.size) // 2 + 1
 
-    def matched(self, values: Complex) -> NDArray[np.intp]:
-        """Indices of the roots that continue those known, or -1 where there are fewer."""
-        return matched(self.values, values)
-
     def move(self, values: Complex) -> None:
         """Follows the roots to the next rest."""
-        found = self.matched(values)
+        found = matched(self.values, values)
         self.values, self.modes = values[found[found >= 0]], self.modes[found >= 0]
 
     def mode_of(self, values: Complex, root: complex) -> int:
@@ -93,7 +88,7 @@ class RootsFollowed:
         """
         apart = np.abs(values - root)
         close = np.flatnonzero(apart <= max(apart.min(), MEET * (1.0 + abs(root))))
-        return int(self.modes[np.isin(self.matched(values), close)].max(initial=0))
+        return int(self.modes[np.isin(matched(self.values, values), close)].max(initial=0))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ slopes d lambda / du at both speeds lead. Where two may do so, the step is halve
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -197,16 +197,15 @@ class GrowthTest(TestFunction):
         roots: roots that are known, by arc length, in the order of those at its beginning.
     """
 
-    before: GrowthTest | None = None
+    before: InitVar[GrowthTest | None] = None
     roots: dict[float, Complex] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        last, self.before = self.before, None
-        if last is None:
+    def __post_init__(self, before: GrowthTest | None) -> None:
+        if before is not None:
+            self.roots[0.0] = before._roots_at(before.step.length)
+            self._slopes = before._slopes_between(0.0, before.step.length)
+        else:
             self._slopes = np.zeros(self._roots_at(0.0).size)
-            return
-        self.roots[0.0] = last._roots_at(last.step.length)
-        self._slopes = last._slopes_between(0.0, last.step.length)
 
     def _roots_at(self, s: float) -> Complex:
         """Roots at an arc length from the beginning of the step, computed once, shape (k,)."""

@@ -22,7 +22,7 @@ from pipedyn.linear.critical_speed import (
     unstable_at_rest,
 )
 from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem, select_pairs
-from pipedyn.linear.following import RootFollower
+from pipedyn.linear.following import RootFollower, matched
 from pipedyn.linear.modes import (
     CONTINUUM_COUNT,
     LARGEST_FULL,
@@ -645,7 +645,7 @@ def _loci_of_rest(model: Model, speeds: Array, count: int) -> RootLoci:
 
     def recorded(problem: Eigenproblem, roots: RootsFollowed, u: float) -> tuple[NDArray[Any], ...]:
         pairs = problem.lowest(u, 2 * problem.dof, left=True)
-        own = roots.matched(pairs.values)[: 2 * count].reshape(count, 2)
+        own = matched(roots.values, pairs.values)[: 2 * count].reshape(count, 2)
         # The upper root of a pair comes first, and the greater one of a real pair.
         order = np.lexsort((-pairs.values[own].real, -pairs.values[own].imag), axis=1)
         own = np.take_along_axis(own, order, axis=1)

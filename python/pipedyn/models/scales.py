@@ -381,15 +381,16 @@ def likely_slip(given: Mapping[str, float], is_usual: Callable[[Mapping[str, flo
             by = {k: given[k] * SI_QUANTITIES[k].mistaken[word] for k, word in one.items()}
             if is_usual({**given, **by}):
                 found.setdefault(tuple(one), []).append(one)
-        told = []
+        questions = []
         for names, each in found.items():
             groups: dict[str, list[str]] = {}
             for k in names:
                 words = " or ".join(one[k] for one in each)
                 groups.setdefault(f"in{SI_QUANTITIES[k].words}, not in {words}", []).append(k)
-            told.append(", and ".join(f"{' and '.join(of)} {unit}" for unit, of in groups.items()))
-        if told:
-            return f": {', or '.join(told)}?"
+            asked = (f"{' and '.join(of)} {unit}" for unit, of in groups.items())
+            questions.append(", and ".join(asked))
+        if questions:
+            return f": {', or '.join(questions)}?"
     return ""
 
 

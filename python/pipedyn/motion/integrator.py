@@ -308,9 +308,8 @@ def _unresolved(task: Task, rows: Array) -> str:
     times = np.append(task.t0, task.times)[: len(rows) + 1][-2:]
     q, rates = rows[-1, :size], rows[-1, size : 2 * size]
     for share in AHEAD if size == model.coordinates else ():
-        moved = q + share * float(np.diff(times)[0]) * rates if share else q
         try:
-            model.equations.rhs(0.0, np.concatenate([moved, rates]), 0.0, None)
+            model.equations.rhs(0.0, np.append(q + share * np.diff(times) * rates, rates), 0.0)
         except NotResolved as error:
             return f": {'ahead of it, ' * (share > 0.0)}{str(error).partition(' because ')[2]}"
     return ""

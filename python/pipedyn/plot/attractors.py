@@ -212,10 +212,8 @@ def poincare_section(
     upward = rate(last.pop() if len(last) == 1 else r"\mathrm{last}")
     ax = given.view.axes(ax, (4.8, 4.2), across, upward)
     pairs = zip(given.shown, given.basins, strict=True)
-    handles, periods = (
-        {},
-        [of.drive_period if of else _drive_period(one.motion) for one, of in pairs],
-    )
+    handles = dict[Any, Any]()
+    periods = [of.drive_period if of else _drive_period(one.motion) for one, of in pairs]
     for one, basin, period, final, marker in zip(
         given.shown, given.basins, periods, lasts, cycle(SHAPES), strict=False
     ):
