@@ -370,3 +370,18 @@ def test_a_closed_curve_of_a_bent_pipe_that_no_line_meets_is_reached_uphill():
     assert found.unstable(2.7, 0.0) == 0 < found.unstable(2.7, 0.2)
     for k in (0, len(curve) // 3):
         assert_on_the_axis(found, curve, k)
+
+
+def test_a_pipe_that_buckles_at_rest_diverges_across_its_plane_where_it_is_bent_further():
+    spring = pp.Spring(0.3, 28.0, stiffness_across=43.0)
+    model = pp.Chain(pp.Pipe(0.2, -10.0, jet_angle=0.05, terms=[spring]), 3, dimensions=3)
+    ranges = {"jet_angle": (0.05, 0.1), "u": (0.5, 1.5)}
+    found = pp.boundary(model, "jet_angle", "u", ranges, criticality=False)
+    assert not found.failures
+    with pytest.raises(pp.NotConverged, match="turns back") as stopped:
+        pp.crossings(model, 1.5)
+    at_edge = {one.across: one.speed for one in stopped.value.result}
+    assert {one.ends for one in found.curves} == {("range", "range"), ("range", "fold")}
+    for curve in found.curves:
+        assert curve.x[0] == 0.05
+        assert curve.y[0] == pytest.approx(at_edge["fold" in curve.ends], abs=1e-6)

@@ -306,3 +306,13 @@ def test_a_mode_that_strong_damping_keeps_from_oscillating_has_its_growing_root_
     assert not missing.all(axis=0).any()
     assert (loci.eigenvalues[missing].real > 0.0).all()
     assert (loci.eigenvalues[missing].imag == 0.0).all()
+
+
+def test_eigenvalues_at_the_speed_of_a_divergence():
+    pipe = pp.Pipe(
+        *(0.7, -10.0, "aspirating"), damping=0.05, hysteresis=0.06, inflow_share=0.4, root="pinned"
+    )
+    model = pp.Chain(pipe, 3)
+    u = pp.critical_speed(model).speed
+    found, above = (pp.eigenvalues(model, speed) for speed in (u, u * (1.0 - 1e-9)))
+    np.testing.assert_allclose(found, above, rtol=1e-6)

@@ -274,6 +274,17 @@ def test_a_pipe_with_two_planes_of_symmetry_buckles_in_the_softer_one():
         assert np.abs(np.array(speeds) - end).min() < 1e-9
 
 
+def test_pitchforks_in_both_planes_have_the_speeds_at_which_the_pipe_diverges_there():
+    root = pp.RootSpring(6.0, 6.2)
+    model = pp.Chain(pp.Pipe(0.7, -10.0, damping=0.05, root=root), 6, dimensions=3)
+    branch = pp.equilibrium_branch(model, np.zeros(12), 0.1, (0.0, 4.0))
+    speeds = sorted(one.speed for one in branch.points if one.kind == "pitchfork")
+    expected = [one.speed for one in pp.crossings(model, 4.0) if one.kind == "divergence"]
+    assert len(expected) == 2
+    assert np.ptp(expected) > 1e-3
+    np.testing.assert_allclose(speeds, expected, rtol=1e-9)
+
+
 def test_short_branches_end_where_they_must_and_none_leave_where_a_stop_is_met():
     barred = pp.Stop(0.8, 0.3, 100.0, stiffness_across=0.0)
     pipe = replace(LEANING, gamma=-15.0, terms=[pp.Load(1.0, (0.2, 0.0)), barred])

@@ -222,7 +222,7 @@ class BentPlane(Plane):
     def turning(self, at: Array) -> float:
         """A number that passes 0 at folds: the root of the determinant of K in the plane of rest.
 
-        It has the sign of the determinant, which is positive on the sheet that follows the flow.
+        It has the sign of the determinant, which is positive where the pipe does not buckle.
         """
         sign, size = np.linalg.slogdet(self._of_plane(at, 0)[2].real)
         return float(sign * math.exp(size / self.dof))

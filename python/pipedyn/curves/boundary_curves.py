@@ -220,7 +220,7 @@ def is_fold(problem: AxisProblem) -> bool:
 
 
 def turn_along(problem: AxisProblem, begin: Point) -> Callable[[Point], float]:
-    """A function along a curve that passes 0 where the rest turns back.
+    """A function along a curve, positive where it begins, that passes 0 where the rest turns back.
 
     Along a curve of folds it is the direction of the curve beside that at its beginning, which
     turns round in a cusp.
@@ -228,7 +228,8 @@ def turn_along(problem: AxisProblem, begin: Point) -> Callable[[Point], float]:
     if is_fold(problem):
         return lambda point: float(begin.tangent[-2:] @ point.tangent[-2:])
     plane: Any = problem.plane
-    return lambda point: float(plane.turning(problem.with_rest(point.z)))
+    sign = np.sign(plane.turning(problem.with_rest(begin.z)))  # -1 if the pipe buckles at rest
+    return lambda point: float(sign * plane.turning(problem.with_rest(point.z)))
 
 
 def on_sheet(

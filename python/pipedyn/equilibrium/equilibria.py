@@ -953,7 +953,5 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
             if oscillating.size:
                 crossing = np.argmin(np.abs(oscillating.real))
                 frequency = float(abs(oscillating[crossing].imag))
-        if kind == "pitchfork":  # known without the branch's own error
-            speed = statics.fork_speed(statics.straightened(point.x), speed) or speed
         q = statics.to_user(point.x[None])[0]
         return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])

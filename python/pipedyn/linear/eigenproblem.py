@@ -200,8 +200,10 @@ def _with_conjugates(hysteretic: _core.Pairs, grows: _core.Pairs, count: int) ->
     above = select_pairs(hysteretic, np.flatnonzero(oscillates))
     values = np.concatenate([above.values, above.values.conj(), grows.values])
     places = np.lexsort((-values.imag, values.real, np.abs(values)))[:count]
+    sizes = above.values.size, grows.values.size  # left vectors may be known of some alone
+    none = np.zeros((0, 0), dtype=np.complex128)
     right, left = (
-        np.hstack([a, a.conj(), b]) if len(a) and len(b) else np.zeros((0, 0), dtype=np.complex128)
+        np.hstack([a, a.conj(), b] if (a.shape[1], b.shape[1]) == sizes else [none])
         for a, b in ((above.right, grows.right), (above.left, grows.left))
     )
     residuals = np.concatenate([above.residuals, above.residuals, grows.residuals])
