@@ -179,7 +179,8 @@ def bifurcation_diagram(
     least gap between speeds if that is smaller; no cycles leave at a torus. Motions are integrated
     at the speeds given. If a motion ends on a cycle to which no onset leads, that cycle is followed
     both ways. Without `brute_force`, motions look for a cycle at the first, the middle and the last
-    speed, if no cycle and no stable equilibrium is known there.
+    speed, if no cycle and no stable equilibrium is known there. Equilibria are searched without the
+    count by which `equilibria` completes them, so that some that are coiled up may be missing.
 
     In three dimensions, if the pipe is the same in all directions, cycles are planar ones, with the
     stability of motions across their plane, and circular motions are followed from the onsets of
