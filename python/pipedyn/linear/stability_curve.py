@@ -251,7 +251,8 @@ def sweep(
         return checked_model(make_model(value))
 
     outcomes: list[Any] = []
-    for part in batches(at.size, LARGEST_BATCH, 1):  # cycles of make_model do not wait for long
+    # Within a batch Python does not look for garbage, which takes time among so many results.
+    for part in batches(at.size, LARGEST_BATCH, 1):
         with NoCollection():
             outcomes += [outcome_of(model_at, float(at[i])) for i in part]
     pipes = tuple(None if isinstance(one, Exception) else one.pipe for one in outcomes)
