@@ -82,9 +82,9 @@ the nearest of them. This number was chosen; others were not measured."""
 FORKS = "pitchfork", "branch point"
 """Kinds of points at which branches of equilibria may leave another one, and end."""
 
-SAME_JOINT = 1e-3
-"""Largest difference, in speed and coordinates together, of two places where branches of equilibria
-meet that are one: next to a stop a place is known to 1e-5."""
+SAME_BRANCH_POINT = 1e-3
+"""Largest sum of the differences in speed and in coordinates up to which two points at which
+branches of equilibria meet are the same: next to a stop such a point is known to 1e-5."""
 
 NEAR_BRANCH = 0.1
 """Largest relative difference of speeds at which motions begin beside the nearest cycle of a branch
@@ -363,9 +363,9 @@ def add_offshoots(
 ) -> None:
     """Adds the branches of equilibria that leave one of them out of the plane of a load."""
     for point in (one for one in branch.points if one.kind in FORKS):
-        joints = (b.points[k] for b in branches for k in (0, -1) if b.ends[k] in FORKS)
-        apart = (abs(one.speed - point.speed) + np.abs(one.q - point.q).max() for one in joints)
-        if min(apart, default=math.inf) < SAME_JOINT:
+        met = (b.points[k] for b in branches for k in (0, -1) if b.ends[k] in FORKS)
+        apart = (abs(one.speed - point.speed) + np.abs(one.q - point.q).max() for one in met)
+        if min(apart, default=math.inf) < SAME_BRANCH_POINT:
             continue
         try:
             branches += offshoots(branch.model, point, ends, marks)

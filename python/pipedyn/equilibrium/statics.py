@@ -115,8 +115,9 @@ class Statics(BranchOfRest):
         """The equilibrium to which Newton's method leads from x; `rules` are those of `newton`.
 
         Here Newton's method balances forces, whose derivative is the stiffness. Accelerations,
-        which `_balanced` brings to 0 for many starts at once, are less linear, as the inverse of
-        the mass changes with the configuration. Steps are measured by their angles.
+        which the search for all equilibria brings to 0 from many starts at once, are less linear,
+        as the inverse of the mass changes with the configuration. Steps are measured by their
+        angles.
 
         Raises:
             NewtonFailed: if Newton's method leads to no equilibrium.

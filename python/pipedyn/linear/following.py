@@ -188,12 +188,14 @@ def matched(values: Complex, others: Complex) -> NDArray[np.intp]:
 class GrowthTest(TestFunction):
     """Test function of roots that start or cease to grow along a step of a branch.
 
-    `values` gives the roots at a point, complex and in any order. Each root is followed: where one
-    starts to grow on a step and another ceases to, as many grow at both its ends. So are those that
-    grow, or cease to grow, within the step alone, which a parabola through the step before tells.
+    `values` gives the roots at a point, complex and in any order. Each root is followed by itself,
+    because the number of growing roots is the same at both ends of a step on which one root starts
+    to grow and another ceases to. A root may also change twice within a step. The step is halved
+    where both may be so: where one root starts and another ceases to grow, and where the mean slope
+    of a root before the step leads to the other sign of its growth at the end.
 
     Attributes:
-        before: the test function of the step before, if there is one.
+        before: the test function of the step before, if there is one; it is not kept.
         roots: roots that are known, by arc length, in the order of those at its beginning.
     """
 
