@@ -19,7 +19,7 @@ LIMITS = {
     "names with more than one meaning": 8,
     "docstrings that begin with a leaning word": 0,
     "lines of Python": 28317,
-    "lines of C++": 16748,
+    "lines of C++": 16753,
 }
 
 ROOT = Path(__file__).parents[1]
