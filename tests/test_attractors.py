@@ -214,7 +214,7 @@ def test_what_cannot_be_told_is_unsettled_with_the_reason():
     assert [one.start for one in found.unsettled_motions] == [0, 1]
     for one in found.unsettled_motions:
         assert one.ending == "unsettled"
-        assert "still comes nearer to rest or a cycle after t = 150" in one.reason
+        assert "still comes nearer to rest or a cycle after t = 175" in one.reason
 
 
 def test_a_motion_is_chaotic_where_its_exponent_is_above_three_of_its_spreads():

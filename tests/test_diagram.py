@@ -277,6 +277,19 @@ def test_a_period_is_found_however_many_maxima_it_holds(times):
     assert stretch(TORUS, 60.0).period == 0.0
 
 
+def test_a_drift_is_no_period_though_a_transient_changes_more():
+    """A torus near a resonance changed by 6e-4 in its first period, then by 3e-5 in each."""
+    drift = 1.2e-5
+
+    def slow(t):
+        return 1e-3 * np.exp(-0.5 * t) + drift * t
+
+    moves = [lambda t: np.cos(9.0 * t) + np.cos(3.0 * t + slow(t)), lambda t: np.sin(9.0 * t)]
+    assert stretch(moves, 60.0).period == 0.0
+    drift = 0.0
+    assert stretch(moves, 60.0).period == pytest.approx(2.0 * np.pi / 3.0, rel=1e-4)
+
+
 @pytest.mark.parametrize("even", [True, False])
 def test_states_between_the_samples_of_a_period_are_interpolated(even):
     t = np.linspace(0.0, 20.0, 2001)

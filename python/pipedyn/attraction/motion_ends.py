@@ -110,9 +110,9 @@ UNTIL_SETTLED = 10.0
 """Time in which the difference of neighbours turns to the direction of fastest growth, before an
 exponent is measured: along the record of a motion, unless that is too short."""
 
-RECORD_EXTENSIONS = 1.0, 2.0, 4.0
-"""Factors of the usual time for which a motion is recorded and its exponent measured, one after the
-other, until the exponent or averages over the record show what the motion is."""
+RECORD_PARTS = 4
+"""Largest number of times that a motion is recorded on over that time and its exponent measured on,
+until the exponent or averages over the record show what the motion is."""
 
 TORUS_TOLERANCE = 1e-8
 """Largest relative tolerance of these records, whose averages may converge to that."""
@@ -270,7 +270,10 @@ class _Run:
     approach: Approach = field(default_factory=Approach)  # approach to a known solution
     leader: _Run | None = None  # motion that it joined
     join_time: float = math.inf  # time from which it goes on as that motion, if it ever does
-    record: Stretch = field(init=False)
+    record: Stretch = field(init=False)  # last stretches that belong together
+    latest: Stretch = field(init=False)  # last one of these
+    direction: Array = field(init=False)  # in which the tip moves farthest in the record
+    exponent: LyapunovExponent | None = None  # measured along the record
     sizes: Array = field(init=False)  # sizes of positions and rates, for the errors of steps
 
     def __post_init__(self) -> None:
@@ -284,7 +287,7 @@ class _Run:
     @property
     def comes_nearer(self) -> bool:
         """Whether the motion comes nearer to a known solution, to rest or to a cycle."""
-        return self.is_near or self.record.trend in ("rest", "settling")
+        return self.is_near or self.latest.trend in ("rest", "settling")
 
     @property
     def is_near(self) -> bool:
@@ -315,10 +318,19 @@ class _Engine:
 
     # ----------------------------------------------------------------------------- integration
 
-    def advance(self, runs: list[_Run], rtol: float, before: float, length: float) -> list[_Run]:
+    def advance(
+        self, runs: list[_Run], rtol: float, before: float, length: float, on: bool = False
+    ) -> list[_Run]:
         """Integrates for a time, then records for another; returns the motions that have not ended.
 
-        If motions are driven, both times are whole periods of the drive. rtol: relative tolerance.
+        If motions are driven, both times are whole periods of the drive.
+
+        Args:
+            runs: motions that have not ended.
+            rtol: relative tolerance.
+            before: time before the record.
+            length: time that is recorded.
+            on: whether it prolongs the last record, which had the same length.
         """
         if not runs:
             return []
@@ -365,10 +377,14 @@ class _Engine:
             part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
             runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
             turns = runs[i].case.motion.axisymmetric
-            motion = _seen_across(self.model, turns, rows[part], tips[part], velocities[part])
+            if not on:
+                runs[i].direction = farthest_direction(tips[part][count // 2 :])
+            seen = runs[i].direction, turns
+            motion = _seen_across(self.model, *seen, rows[part], tips[part], velocities[part])
             runs[i].set_sizes(float(np.ptp(motion[1])), float(np.abs(motion[2]).max()))
             given = max(self.options.rtol, rtol), drive.period, turns
-            runs[i].record = Stretch(samples - before, *motion, *given)
+            latest = runs[i].latest = Stretch(samples - before, *motion, *given)
+            runs[i].record = runs[i].record.joined(latest) if on else latest
         return [runs[i] for i in going]
 
     def error(self, run: _Run, task: Task, outcome: Outcome) -> MotionStopped:
@@ -391,11 +407,11 @@ class _Engine:
         for case in dict.fromkeys(run.case for run in runs):
             own = [run for run in runs if run.case is case]
             if not case.drive.period:
-                rests = [run.state for run in own if run.record.trend == "rest"]
+                rests = [run.state for run in own if run.latest.trend == "rest"]
                 places = [np.split(state, 2)[0] for state in rests]
                 for one in equilibria_near(self.model, places, case.drive.mean):
                     case.learn(one)
-            tries = [run for run in own if run.record.trend != "rest"]
+            tries = [run for run in own if run.latest.trend != "rest"]
             tries.sort(key=lambda run: run.record.recurrence[0])
             for run in tries if late else tries[:1]:
                 with suppress(NewtonFailed):
@@ -452,7 +468,7 @@ class _Engine:
             runs = [run for run in runs if not run.ended]
             if self.elapsed >= JOIN_SHARE * options.transient:
                 far = [run for run in runs if not run.is_near]
-                joining = self.join([run for run in far if run.record.trend == "irregular"])
+                joining = self.join([run for run in far if run.latest.trend == "irregular"])
                 runs = [run for run in runs if run not in joining]
         self.finish_late(runs)
         again = list[_Run]()
@@ -486,13 +502,13 @@ class _Engine:
             left, runs = self.classify(self.advance(runs, self.tolerance, before, duration), over)
             joining = self.join(left)
             left = [run for run in left if run not in joining]
-            for times in RECORD_EXTENSIONS:
+            length = drive.whole(RECORD_FACTOR * duration)
+            for part in range(RECORD_PARTS):
                 if options.exponents:
-                    length = drive.whole(RECORD_FACTOR * times * duration)
-                    longer = self.advance(left, min(self.tolerance, TORUS_TOLERANCE), 0.0, length)
-                    left, on = self.classify(longer, over)
+                    given = min(self.tolerance, TORUS_TOLERANCE), 0.0, length, part > 0
+                    left, on = self.classify(self.advance(left, *given), over)
                     runs += on
-                left = self.name(left, times)
+                left = self.name(left, part)
 
     def classify(self, runs: list[_Run], over: bool) -> tuple[list[_Run], list[_Run]]:
         """Motions to be named, and motions that go on, after a record of motions.
@@ -512,7 +528,7 @@ class _Engine:
         creeps far from any equilibrium does not rest.
         """
         case, drive = run.case, run.case.drive
-        rests = run.record.trend == "rest"
+        rests = run.latest.trend == "rest"
         period = 0.0 if rests else run.record.period
         if not rests and not period:
             return False
@@ -543,23 +559,24 @@ class _Engine:
         attracts = not runs and all(number == 0 for number, _ in trial.ends.values())
         return replace(one, attracts=attracts)
 
-    def name(self, runs: list[_Run], times: float) -> list[_Run]:
+    def name(self, runs: list[_Run], part: int) -> list[_Run]:
         """Names motions by exponents and records; returns those that need longer records.
 
-        times: factor of the usual time over which an exponent is measured.
+        part: number of the last part of the record. The exponent is that of all parts, but for the
+            first if there are several, as the motion may not have settled in it.
         """
         exponents: dict[_Run, LyapunovExponent | MotionStopped] = {}
         irregular = [run for run in runs if not run.comes_nearer]
-        duration = 2.0 * times * self.options.duration
+        duration = (2.0 if part == 0 else 4.0) * self.options.duration
         if self.options.exponents and irregular:
-            drive, t = irregular[0].case.drive, irregular[0].record.t
+            drive, t = irregular[0].case.drive, irregular[0].latest.t
             every = round(drive.whole(0.5) / float(t[1]))
             long = float(t[-1]) >= UNTIL_SETTLED + duration
             measured = exponents_together(
                 self.model,
                 [run.case.drive.u for run in irregular],
                 [
-                    run.record.states[(t.size - 1) % every :: every] if long else run.state
+                    run.latest.states[(t.size - 1) % every :: every] if long else run.state
                     for run in irregular
                 ],
                 duration,
@@ -569,7 +586,10 @@ class _Engine:
                 forces=drive.forces,
                 driven=bool(drive.period),
             )
-            exponents = dict(zip(irregular, measured, strict=True))
+            for run, found in zip(irregular, measured, strict=True):
+                if isinstance(found, LyapunovExponent):
+                    found = run.exponent = found.after(run.exponent if part > 1 else None)
+                exponents[run] = found
         doubtful = list[_Run]()
         for run in runs:
             exponent, drive = exponents.get(run), run.case.drive
@@ -591,7 +611,7 @@ class _Engine:
                 ending = "chaotic"
             elif exponent.value <= min(exponent.spread, shear) and run.record.averages_converge():
                 ending = "quasi-periodic"
-            elif times < RECORD_EXTENSIONS[-1]:
+            elif part + 1 < RECORD_PARTS:
                 doubtful.append(run)
                 continue
             else:
@@ -610,14 +630,12 @@ class _Engine:
 
 
 def _seen_across(
-    model: Model, turns: bool, states: Array, tips: Array, velocities: Array
+    model: Model, direction: Array, turns: bool, states: Array, tips: Array, velocities: Array
 ) -> tuple[Array, Array, Array]:
-    """States, (S, 2 integrated), with positions and velocities of the tip across, (S,) each.
+    """States, (S, 2 integrated), positions and velocities of the tip in a direction, (S,) each.
 
-    These are along the direction in which the tip moves farthest in the later half. If a turn about
-    the axis changes nothing (`turns`), states are turned so that this direction is x.
+    If a turn about the axis changes nothing (`turns`), states are turned so that it is x.
     """
-    direction = farthest_direction(tips[len(tips) // 2 :])
     if isinstance(model, SpatialModel) and turns:
         angle = math.atan2(direction[2], direction[0])
         states = np.ascontiguousarray(model.turned(states.T, -angle).T)

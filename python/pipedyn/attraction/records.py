@@ -8,7 +8,7 @@ through samples. A motion at rest has none, a cycle has a few values, a torus or
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Literal
@@ -63,6 +63,14 @@ class Stretch:
     drive: float = 0.0
     axisymmetric: bool = False
 
+    def joined(self, later: Stretch) -> Stretch:
+        """Joins the stretch with one that begins where it ends, with samples as far apart."""
+        both = {
+            name: np.concatenate([getattr(self, name), getattr(later, name)[1:]])
+            for name in ("states", "x", "velocity")
+        }
+        return replace(self, t=np.append(self.t, self.t[-1] + later.t[1:]), **both)
+
     @cached_property
     def turnings(self) -> Array:
         """Values of x where its velocity changes sign, in order, shape (K,)."""
@@ -112,24 +120,29 @@ class Stretch:
     def period(self) -> float:
         """Period after which the motion repeats, as three periods show; 0 if it does not repeat.
 
-        Two periods may not change the state more than one does: near a resonance a motion on a
-        torus drifts by as little from one period to the next, but on and on, and so does a motion
-        that comes nearer to a cycle slowly. Several periods of a drifting motion are no period
-        either.
+        Two periods may not change the state more than one does, nor two late ones: near a resonance
+        a motion on a torus drifts by as little from one period to the next, but on and on, and so
+        does a motion that comes nearer to a cycle slowly. Several periods of a drifting motion are
+        no period either.
         """
         times, passed = self._passages
         drifting = list[int]()
         for turns in self._returns(RECURRENCE, (times.size - 1) // 3):
             if any(turns % some == 0 for some in drifting):
                 continue
-            once = float(np.abs(passed[turns:] - passed[:-turns]).max())
-            if once < RECURRENCE:
-                twice = float(np.abs(passed[2 * turns :] - passed[: -2 * turns]).max())
-                if twice < max(DRIFT_FACTOR * once, ERROR_FACTOR * self.rtol):
+            if np.abs(passed[turns:] - passed[:-turns]).max() < RECURRENCE:
+                # At first the end of a transient may change more than the drift.
+                late = passed[len(passed) // 2 - turns :]
+                if not self._drifts(passed, turns) and not self._drifts(late, turns):
                     last = times.size - 1
                     return float(times[last] - times[last % turns]) / (last // turns)
                 drifting.append(turns)
         return 0.0
+
+    def _drifts(self, passed: Array, turns: int) -> bool:
+        """Whether twice a number of passages changes states by more than errors and once does."""
+        once, twice = (np.abs(passed[k:] - passed[:-k]).max() for k in (turns, 2 * turns))
+        return bool(twice >= max(DRIFT_FACTOR * once, ERROR_FACTOR * self.rtol))
 
     @cached_property
     def trend(self) -> Literal["rest", "periodic", "settling", "irregular"]:

@@ -99,6 +99,14 @@ class LyapunovExponent(
     def _columns(self) -> dict[str, Any]:
         return {"t": self.t, "history": self.history}
 
+    def after(self, before: LyapunovExponent | None) -> LyapunovExponent:
+        """The exponent over this time and an earlier one of the same motion, if there is one."""
+        if before is None:
+            return self
+        growth = [np.diff(one.history * one.t, prepend=0.0) for one in (before, self)]
+        given = float(self.t[0]), self.blocks.size, self.end, self.pipe
+        return _from_growth(np.concatenate(growth), *given)
+
 
 def lyapunov_exponent(
     model: Model,
