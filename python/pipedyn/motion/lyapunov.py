@@ -103,9 +103,9 @@ class LyapunovExponent(
         """The exponent over this time and an earlier one of the same motion, if there is one."""
         if before is None:
             return self
-        growth = [np.diff(one.history * one.t, prepend=0.0) for one in (before, self)]
-        given = float(self.t[0]), self.blocks.size, self.end, self.pipe
-        return _from_growth(np.concatenate(growth), *given)
+        both = [np.diff(one.history * one.t, prepend=0.0) for one in (before, self)]
+        step, blocks = float(self.t[0]), self.blocks.size
+        return _from_growth(np.concatenate(both), step, blocks, self.end, self.pipe)
 
 
 def lyapunov_exponent(
@@ -185,7 +185,7 @@ def _any_direction(size: int) -> Array:
 
 
 def _from_growth(
-    growth: Array, step: float, blocks: int, end: Array, pipe: Pipe
+    growth: Array, step: float, blocks: int, end: Array, pipe: Pipe | None
 ) -> LyapunovExponent:
     """The exponent from the logarithms of a difference's growth in each interval, shape (S,)."""
     each, duration = growth.size // blocks, step * growth.size
