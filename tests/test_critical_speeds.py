@@ -235,21 +235,24 @@ def test_a_chunk_that_kills_its_workers_costs_its_pipes_and_no_more():
         CHAIN,
         pp.Chain(pp.Pipe(0.2, 10.0, damping=0.01, terms=(pp.PointMass(1.0, 0.1),)), 10),
         pp.Galerkin(pp.Pipe(0.2, 10.0), 10, "legendre"),
+        pp.Galerkin(pp.Pipe(0.2, 10.0, damping=0.01), 8),
+        pp.Chain(pp.Pipe(0.2), 10, dimensions=3),
     ],
-    ids=["chain", "chain with a mass", "Legendre functions"],
+    ids=["chain", "chain with a mass", "Legendre functions", "beam modes", "space"],
 )
-def test_a_critical_speed_takes_few_calls_of_python(model):
-    """Users ask it a thousand times; each call costs as much as tracking a root for a step."""
+@pytest.mark.parametrize("ask", [pp.critical_speed, lambda model: pp.eigenvalues(model, 3.0)])
+def test_what_is_asked_a_thousand_times_takes_few_calls_of_python(model, ask):
+    """Each call costs as much as tracking a root for a step."""
     calls = []
 
     def count(frame, event, _):
         if event == "call":
             calls.append(frame.f_code.co_qualname)
 
-    pp.critical_speed(model)
+    ask(model)
     sys.setprofile(count)
     try:
-        pp.critical_speed(model)
+        ask(model)
     finally:
         sys.setprofile(None)
     assert len(calls) <= 60, calls

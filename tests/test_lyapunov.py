@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.motion.lyapunov import exponents_together
+from pipedyn.motion.lyapunov import exponents_together, pooled
 
 CHAIN = pp.Chain(pp.Pipe(0.2), 3)
 
@@ -247,7 +247,7 @@ def test_exponents_along_known_states_are_those_of_motions_that_are_integrated(u
     # Where few states are known, the transient is shortened first.
     [short] = exponents_together(model, [u], [states[::50][:162]], interval=0.5, **options)
     assert short.duration == pytest.approx(80.0) or short.chaotic
-    longer = short.after(along)
+    longer = pooled(along, short)
     assert longer.duration == along.duration + short.duration == longer.t[-1]
     mean = np.average([along.value, short.value], weights=[along.duration, short.duration])
     assert longer.value == pytest.approx(mean, abs=1e-12) == longer.history[-1]

@@ -47,7 +47,7 @@ from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.space import SpatialModel
 from pipedyn.motion.integrator import Outcome, Task
-from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
+from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together, pooled
 from pipedyn.motion.sampling import farthest_direction
 from pipedyn.motion.simulate import (
     BATCH,
@@ -587,9 +587,11 @@ class _Engine:
                 driven=bool(drive.period),
             )
             for run, found in zip(irregular, measured, strict=True):
-                if isinstance(found, LyapunovExponent):
-                    found = run.exponent = found.after(run.exponent if part > 1 else None)
                 exponents[run] = found
+                if isinstance(found, LyapunovExponent):
+                    if part > 1 and run.exponent is not None:
+                        exponents[run] = found = pooled(run.exponent, found)
+                    run.exponent = found
         doubtful = list[_Run]()
         for run in runs:
             exponent, drive = exponents.get(run), run.case.drive

@@ -26,7 +26,6 @@ from pipedyn import _core
 from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
 from pipedyn.models.base import Model
 from pipedyn.models.continuum import AnyModel
-from pipedyn.models.pencil import DensePencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -208,16 +207,10 @@ def of_each(results: Iterable[Any], name: str) -> Array:
 def crossings_of(
     problem: Eigenproblem, swept: _core.Sweep, vouched: int | None = None, sensitive: bool = True
 ) -> tuple[Crossing, ...]:
-    """The crossings of a sweep of the core, with sensitivities if `sensitive`.
+    """The crossings of a sweep of the core; sensitivities, if `sensitive`, follow when first read.
 
-    Sensitivities are computed when they are first read, unless that takes matrices.
+    A result keeps no pencil, as that of a reduced model may hold matrices.
     """
-
-    def sensitivity(crossing: _core.AxisCrossing) -> Any:
-        if isinstance(problem.pencil, DensePencil):
-            return _sensitivity(problem.model, crossing, problem)
-        return partial(_sensitivity, problem.model, crossing)  # a result keeps no pencil
-
     found = []
     for crossing in swept.crossings:
         one = Crossing._made(
@@ -228,7 +221,7 @@ def crossings_of(
             unstable_after=crossing.before + crossing.change,
             error=crossing.error,
             mode=crossing.mode,
-            sensitivity=sensitivity(crossing) if sensitive else None,
+            sensitivity=partial(_sensitivity, problem.model, crossing) if sensitive else None,
             gyroscopic=crossing.gyroscopic,
             vouched=vouched,
         )
@@ -236,9 +229,7 @@ def crossings_of(
     return tuple(found)
 
 
-def _sensitivity(
-    model: Model, crossing: _core.AxisCrossing, problem: Eigenproblem | None = None
-) -> Sensitivity | None:
+def _sensitivity(model: Model, crossing: _core.AxisCrossing) -> Sensitivity | None:
     """Sensitivity of a crossing from its left and right eigenvectors y and x, with Re lambda = 0.
 
     Along P(i omega, u; p) x = 0, du/dp = -Re lambda_p / Re lambda_u and domega/dp =
@@ -248,7 +239,7 @@ def _sensitivity(
     """
     if crossing.vectors is None or model.rests_bent:
         return None
-    problem = problem or eigenproblem(model)
+    problem = eigenproblem(model)
     pencil, pipe = problem.pencil, problem.pipe
     forms = problem.spectrum().forms(crossing) or pencil.forms(*crossing.vectors)
     u, value = crossing.speed, crossing.value

@@ -139,24 +139,32 @@ class Power(
 CORE_MATRICES = tuple(field.name for field in fields(Operators)[:7])
 """Names of the matrices of `Operators` that the core computes, the same in the core."""
 
+core_matrices = attrgetter(*CORE_MATRICES)
+
 
 def operators_from(core: _core.Operators, pipe: Pipe) -> Operators:
     """`Operators` from the core's matrices and the pipe's two factors."""
-    matrices = {name: getattr(core, name) for name in CORE_MATRICES}
+    matrices = dict(zip(CORE_MATRICES, core_matrices(core), strict=True))
     return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.alpha)
 
 
 def projected(operators: Operators, basis: Array) -> Operators:
     """Operators in coordinates z, given those in q = basis z, with basis of shape (dof, r)."""
-    matrices: dict[str, Any] = {
-        name: basis.T @ of @ basis
-        for name, of in vars(operators).items()
-        if isinstance(of, np.ndarray)
-    }
-    return replace(operators, **matrices)
+    found = vars(operators).copy()
+    for name, of in found.items():
+        if isinstance(of, np.ndarray):
+            found[name] = basis.T @ of @ basis
+    found["gyroscopic"] = 0.5 * (found["gyroscopic"] - found["gyroscopic"].T)
+    return Operators(**found)
 
 
 own_numbers = attrgetter(*OWN_NUMBERS)
+
+
+def stored(name: str, doc: str) -> Any:
+    """A read-only property that returns the attribute with a private name."""
+    return property(attrgetter(name), doc=doc)
+
 
 UNIFORM = _core.Profile()
 """Profile of a property that is uniform along the pipe, in the core's form."""
@@ -189,10 +197,7 @@ class OfPipe(Saved):
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = checked_pipe(pipe)
 
-    @property
-    def pipe(self) -> Pipe:
-        """The pipe with its terms."""
-        return self._pipe
+    pipe: Pipe = stored("_pipe", "The pipe with its terms.")
 
     @property
     def approximates_pipe(self) -> bool:
@@ -412,6 +417,8 @@ class Model(OfPipe, ABC):
 
     def require_equilibrium(self, *speeds: float) -> None:
         """Raises ValueError if the linearised configuration is no equilibrium at a speed."""
+        if self._reference is None and self._pipe.rests_straight:
+            return
         for u in speeds:
             rest = self.unbalanced(u)
             if rest > 1e-7:  # far above the residual of an equilibrium known to ten digits
@@ -1098,8 +1105,3 @@ def arc_lengths(s: ArrayLike) -> tuple[Array, tuple[int, ...]]:
     one = isinstance(s, Real) or (isinstance(s, np.ndarray) and s.ndim == 0)
     at = check.array("s", [s] if one else s, low=0.0, high=1.0)
     return at, () if one else at.shape
-
-
-def stored(name: str, doc: str) -> Any:
-    """A read-only property that returns the attribute with a private name."""
-    return property(attrgetter(name), doc=doc)

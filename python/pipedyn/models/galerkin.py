@@ -285,9 +285,11 @@ class Galerkin(MeetsSupports, Model):
     def pencil(self) -> Pencil:
         pipe = self._pipe
         by_panels = self._basis == "legendre" and self._reference is None and pipe.rests_straight
-        if by_panels and not (pipe.terms and self.hides_turn) and _core.PanelPencil.fits(self.core):
-            return PanelPencil(self)
-        return DensePencil(self)
+        by_panels = by_panels and not (pipe.terms and self.hides_turn)
+        of = PanelPencil if by_panels and _core.PanelPencil.fits(self.core) else DensePencil
+        found = of(self)
+        found.end_moves = pipe.cantilevered and pipe.beta * pipe.inflow_share > 0.0
+        return found
 
     @cached_property
     def _on_panels(self) -> tuple[_core.PanelPencil, Array, Array]:
@@ -347,7 +349,7 @@ class Galerkin(MeetsSupports, Model):
         core = self.core.operators() if rest is None else self.core.operators(rest)
         return self._held_across(operators_from(core, self._pipe), self._amplitudes, rest is None)
 
-    @property
+    @cached_property
     def _amplitudes(self) -> Array:
         """Amplitudes of the core's functions for a unit of each elastic coordinate, (core's, m)."""
         lift, scale = self.small_motions
@@ -356,12 +358,11 @@ class Galerkin(MeetsSupports, Model):
     def _held_across(self, core: Operators, by: Array, straight: bool) -> Operators:
         """Operators in coordinates q, where the core's coordinates are `by` q."""
         found = projected(core, by)
-        gyroscopic = 0.5 * (found.gyroscopic - found.gyroscopic.T)
         if not straight or not self._pipe.end_held:
-            return replace(found, gyroscopic=gyroscopic)
+            return found
         # The end is held: no force follows the pipe and the flow does no work, exactly.
         flux, end_flux = 0.5 * (found.flux + found.flux.T), np.zeros_like(found.flux)
-        return replace(found, gyroscopic=gyroscopic, flux=flux, end_flux=end_flux)
+        return replace(found, flux=flux, end_flux=end_flux)
 
     @cached_property
     def _supports(self) -> ReducedSupports:
@@ -642,8 +643,6 @@ class PanelPencil(Pencil):
     def __init__(self, model: Galerkin) -> None:
         super().__init__(model)
         self.core, self.lift, self.projection = model._on_panels
-        pipe = self.pipe
-        self.end_moves = pipe.cantilevered and pipe.beta * pipe.inflow_share > 0.0
 
     def spectrum(self, traits: Traits, size: float) -> _core.Eigenproblem:
         return _core.Structured(traits, self.core, self.lift, self.projection, size)

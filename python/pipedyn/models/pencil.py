@@ -73,6 +73,8 @@ class Pencil:
         raise NotImplementedError
 
     def _times(self, x: Vectors, part: str) -> Vectors:
+        if x.dtype == np.float64:
+            return self._product(np.ascontiguousarray(x), part)
         return real_columns(lambda z: self._product(z, part), x)
 
     # Partial methods, since partial functions of self would be a cycle for the garbage collector.
@@ -136,10 +138,13 @@ class DensePencil(Pencil):
         self.plane = plane
         ops = model.elastic_operators()
         velocity = ops.direction * (ops.gyroscopic + ops.end_flux)
-        matrices = ops.mass, velocity, ops.damping, ops.stiffness, ops.flux
-        names = "mass", "velocity", "damping", "stiffness", "flux"
-        parts = (of[plane, plane] for of in matrices)
-        self.matrices = dict(zip(names, parts, strict=True))
+        self.matrices = {
+            "mass": ops.mass[plane, plane],
+            "velocity": velocity[plane, plane],
+            "damping": ops.damping[plane, plane],
+            "stiffness": ops.stiffness[plane, plane],
+            "flux": ops.flux[plane, plane],
+        }
         self.dof = len(self.matrices["mass"])
 
     def with_pipe(self, pipe: Pipe) -> DensePencil:

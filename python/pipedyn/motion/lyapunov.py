@@ -99,14 +99,6 @@ class LyapunovExponent(
     def _columns(self) -> dict[str, Any]:
         return {"t": self.t, "history": self.history}
 
-    def after(self, before: LyapunovExponent | None) -> LyapunovExponent:
-        """The exponent over this time and an earlier one of the same motion, if there is one."""
-        if before is None:
-            return self
-        both = [np.diff(one.history * one.t, prepend=0.0) for one in (before, self)]
-        step, blocks = float(self.t[0]), self.blocks.size
-        return _from_growth(np.concatenate(both), step, blocks, self.end, self.pipe)
-
 
 def lyapunov_exponent(
     model: Model,
@@ -207,6 +199,13 @@ def _from_growth(
         end=end,
         pipe=pipe,
     )
+
+
+def pooled(before: LyapunovExponent, later: LyapunovExponent) -> LyapunovExponent:
+    """The exponent over two times of the same motion, with the later one's intervals and blocks."""
+    both = [np.diff(one.history * one.t, prepend=0.0) for one in (before, later)]
+    step, blocks = float(later.t[0]), later.blocks.size
+    return _from_growth(np.concatenate(both), step, blocks, later.end, later.pipe)
 
 
 @dataclass(frozen=True)
