@@ -417,7 +417,7 @@ def test_spans_and_the_speed_of_a_film_are_in_the_units_of_the_picture():
     real_time = plot.animate(motion, span=(40.0, 42.0), speed=1.0, **seconds)
     assert real_time.frames == 20
     real_time._draw_frame(19)
-    assert real_time.moving[-1].get_text() == "$t = 42.0$ s"
+    assert real_time.moving[-1].get_text() == "$t$ = 42.0 s"
     films = [real_time, plot.animate(motion, **seconds), plot.animate(motion, fps=10)]
     assert films[1].frames == films[2].frames
     for film in films:

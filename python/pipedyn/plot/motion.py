@@ -679,7 +679,8 @@ def animate(
         if flow is not None:
             flow.set_positions(*seen(flow_ends(motion.model.pipe, shapes[frame], one), view))
         now = f"{times[frame]:.{digits}f}"
-        text.set_text(f"$t = {now}$ s" if scale.si else rf"$\tau = {now}$")
+        # As mathematics, the digits would take 3 ms more in each frame.
+        text.set_text(f"$t$ = {now} s" if scale.si else rf"$\tau$ = {now}")
         return [pipe, trace, text]
 
     title = ax.set_title(f"{_title(motion, scale)}\n ")
