@@ -377,14 +377,18 @@ class _Engine:
             part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
             runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
             turns = runs[i].case.motion.axisymmetric
-            if not on:
-                runs[i].direction = farthest_direction(tips[part][count // 2 :])
-            seen = runs[i].direction, turns
-            motion = _seen_across(self.model, *seen, rows[part], tips[part], velocities[part])
-            runs[i].set_sizes(float(np.ptp(motion[1])), float(np.abs(motion[2]).max()))
             given = max(self.options.rtol, rtol), drive.period, turns
-            latest = runs[i].latest = Stretch(samples - before, *motion, *given)
-            runs[i].record = runs[i].record.joined(latest) if on else latest
+            seen = turns, rows[part], tips[part], velocities[part]
+            farthest = farthest_direction(tips[part][count // 2 :])
+            runs[i].direction = runs[i].direction if on else farthest
+            # The plane of a motion may turn: along the direction of its record it may seem to rest.
+            runs[i].latest, added = (
+                Stretch(samples - before, *_seen_across(self.model, direction, *seen), *given)
+                for direction in (farthest, runs[i].direction)
+            )
+            runs[i].record = runs[i].record.joined(added) if on else added
+            latest = runs[i].latest
+            runs[i].set_sizes(float(np.ptp(latest.x)), float(np.abs(latest.velocity).max()))
         return [runs[i] for i in going]
 
     def error(self, run: _Run, task: Task, outcome: Outcome) -> MotionStopped:

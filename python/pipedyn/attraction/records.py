@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -65,17 +65,11 @@ class Stretch:
 
     def joined(self, later: Stretch) -> Stretch:
         """Joins the stretch with one that begins where it ends, with samples as far apart."""
-
-        def both(one: Array, other: Array) -> Array:
-            return np.concatenate([one, other[1:]])
-
-        return replace(
-            self,
-            t=both(self.t, self.t[-1] + later.t),
-            states=both(self.states, later.states),
-            x=both(self.x, later.x),
-            velocity=both(self.velocity, later.velocity),
-        )
+        both: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(later, name)[1:]])
+            for name in ("states", "x", "velocity")
+        }
+        return replace(self, t=np.append(self.t, self.t[-1] + later.t[1:]), **both)
 
     @cached_property
     def turnings(self) -> Array:
