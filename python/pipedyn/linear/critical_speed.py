@@ -453,8 +453,8 @@ def _in_planes(planes: Sequence[AnyModel], max_speed: float, until_unstable: boo
             ((i, one) for i, found in enumerate(each) for one in found), key=lambda of: of[1].speed
         ):
             before, counts[i] = sum(counts), one.unstable_after
-            changed: dict[str, Any] = {"unstable_before": before, "unstable_after": sum(counts)}
-            merged.append(replace(one, across=i == 1, **changed))
+            changed = {"unstable_before": before, "unstable_after": sum(counts), "across": i == 1}
+            merged.append(Crossing._made(**vars(one) | changed))  # `replace` reads sensitivities
             if until_unstable and one.destabilising:
                 break
         return Converged(tuple(merged), sum(point.size for point in points if point), 0.0)
@@ -593,7 +593,10 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Sea
         smallest = max(smallest, math.ceil(0.7 * reach.wave_number(max_speed)) + 8)
         found = converged_ahead(model, crossed, _difference, smallest=smallest)
         assert found.value is not None
-        moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
+        moved = []
+        for one in found.value:
+            error = 2.0 * one.error + found.error * one.speed
+            moved.append(Crossing._made(**vars(one) | {"error": error}))
         return Converged(tuple(moved), found.size, found.error)
 
     return job
