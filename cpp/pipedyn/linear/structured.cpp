@@ -51,9 +51,10 @@ constexpr Index refinement = 20;
 Structured::Structured(const Traits& traits, std::shared_ptr<const Determinant> of,
                        double stiffness_size)
     : Eigenproblem(traits,
-                   [of, stiffness_size, pencil = std::optional<Pencil>()](double u) mutable {
+                   [of, stiffness_size, pencil = std::optional<Pencil>()](
+                       double u, DenseOperator& to) mutable {
                      if (!pencil) pencil = of->matrices(stiffness_size);
-                     return (*pencil)(u);
+                     (*pencil)(u, to);
                    }),
       of_(std::move(of)),
       zeros_at_rest_(pipedyn::roots_at_zero(*of_, 0.0)),
@@ -246,7 +247,7 @@ const Structured::Known* Structured::nearest_known(double u) const {
 void Structured::reuse(Spectrum& other) {
   auto* const same = dynamic_cast<Structured*>(&other);
   if (same == nullptr || same == this || same->traits.dof != traits.dof) return;
-  Spectrum::reuse(other);
+  Eigenproblem::reuse(other);
   std::swap(memory_, same->memory_);
   for (Known& one : memory_.samples) one.u = infinite;
   of_->reuse(*same->of_);
@@ -276,8 +277,9 @@ bool Structured::by_recursion(double u, Index count, bool vectors, Pairs& found)
     if ((own ? n : size) > dense_limit) return false;
     Approximations starts;
     if (!own) {
-      const auto coarse = of_->coarser(size)->matrices(1.0)(u);
-      starts = starts_of(*coarse, u, u == 0.0 ? coarse->undamped_modes() : std::nullopt);
+      DenseOperator coarse;
+      of_->coarser(size)->matrices(1.0)(u, coarse);
+      starts = starts_of(coarse, u, u == 0.0 ? coarse.undamped_modes() : std::nullopt);
     } else if (u == 0.0 && every && is_squared(u)) {  // no vectors are needed
       const DenseOperator p = of_->free_at_rest();
       const std::optional<Modes> modes = p.undamped_modes(false);
@@ -288,7 +290,8 @@ bool Structured::by_recursion(double u, Index count, bool vectors, Pairs& found)
       const DenseOperator& p = Eigenproblem::at(u);
       const Index some = wanted / 2 + modes_beyond;
       const bool few = knows_modes() && 4 * some < 3 * traits.dof && modes_at_rest();
-      starts = dense_roots(few ? p.within(modes_at_rest()->vectors, some) : p, is_squared(u));
+      starts = few ? dense_roots(p.within(modes_at_rest()->vectors, some), is_squared(u))
+                   : dense_roots(p, is_squared(u));
     }
     if (!every) {
       while (roots_in(starts) > wanted) starts.pop_back();
@@ -374,9 +377,11 @@ void Structured::assess(double u, Pairs& pairs) {
 
 std::optional<Forms> Structured::forms(const Pair& pair) const { return of_->forms(pair); }
 
-Rayleigh Structured::rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors) {
-  const std::optional<Rayleigh> known = of_->rayleigh(u, frequencies, vectors);
-  return known ? *known : Eigenproblem::rayleigh(u, frequencies, vectors);
+void Structured::rayleigh(double u, const RealsRef& frequencies, const ColumnsRef& vectors,
+                          Rayleigh& found) {
+  std::optional<Rayleigh> known = of_->rayleigh(u, frequencies, vectors);
+  if (!known) return Eigenproblem::rayleigh(u, frequencies, vectors, found);
+  found = *std::move(known);
 }
 
 Reals Structured::quotients(double u, const Pairs& pairs) {

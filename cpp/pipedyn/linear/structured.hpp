@@ -51,8 +51,9 @@ class Structured : public Eigenproblem {
   void reuse(Spectrum& other) override;
 
  protected:
-  void find_noise(Pairs& pairs) const override { noise_of_residuals(pairs); }
-  Rayleigh rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors) override;
+  void find_noise(Pairs& pairs) override { noise_of_residuals(pairs); }
+  void rayleigh(double u, const RealsRef& frequencies, const ColumnsRef& vectors,
+                Rayleigh& found) override;
   void find_growth(double u, Pairs& pairs) override;
 
  private:
