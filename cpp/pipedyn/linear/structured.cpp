@@ -75,6 +75,7 @@ void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& foun
   for (const double aside : {0.0, 1e-12}) {
     std::vector<Index>& poor = memory_.poor;
     poor.clear();
+    poor.reserve(values.size());
     for (Index i = 0; i < values.size(); ++i) {
       const double residual = found.residual[place(i)];
       const bool good =
@@ -98,12 +99,12 @@ void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& foun
   }
 }
 
-/// Pairs of the given roots, corrected by their vectors as far as these allow.
-Pairs& Structured::refined_roots(double u, const Approximations& roots, bool vectors) const {
-  Pairs& found = memory_.refined;
-  Values& values = memory_.values;
+/// Finds pairs of the given roots, corrected by their vectors as far as these allow: the first
+/// entries of `found`, which may have more.
+void Structured::refine_roots(double u, const Approximations& roots, bool vectors,
+                              Pairs& found) const {
+  auto values = room_in(memory_.values, roots.size());
   std::vector<Index>& moved = memory_.some;
-  values.resize(roots.size());
   moved.resize(roots.size());
   for (std::size_t i = 0; i < roots.size(); ++i) values[i] = roots[i].value;
   at(u, values, vectors, found);
@@ -130,7 +131,6 @@ Pairs& Structured::refined_roots(double u, const Approximations& roots, bool vec
     const bool is_real = roots[i].alone && !traits.is_hysteretic();
     if (is_real && std::abs(value.imag()) <= found.uncertain[i]) value.imag(0.0);
   }
-  return found;
 }
 
 /// Whether none of the `least` lowest roots is missing; false also where that is unknown. A circle
@@ -174,7 +174,8 @@ bool Structured::from(Approximations& roots, double u, Index count, bool vectors
   }
   const bool every = roots_in(roots) >= 2 * traits.dof;
   if (!(every ? has_all(*of_, u, roots, memory_) : has_lowest(u, roots, next))) return false;
-  Pairs& all = refined_roots(u, roots, vectors);
+  Pairs& all = memory_.refined;
+  refine_roots(u, roots, vectors, all);
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const Complex slope = all.slopes[i];
     roots[i].settled = roots[i].value == 0.0;
@@ -400,12 +401,13 @@ Pair Structured::refined(double u, const Pair& guess, bool vectors) {
   }
   Approximations& root = memory_.starts;
   root.assign(1, {value});
-  Pairs& found = refined_roots(u, root, vectors);
+  Pairs& found = memory_.one;
+  refine_roots(u, root, vectors, found);
   // Where the flow does hardly any work on a mode, as on one whose tip is held by a mass, its
   // energy balance gives a more accurate growth. It takes O(n^2), so it is used only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
   if (hidden && traits.dof <= dense_limit) {
-    if (!vectors) refined_roots(u, root, true);
+    if (!vectors) refine_roots(u, root, true, found);
     balance(u, found);
   }
   return found.pair(0);
