@@ -202,7 +202,12 @@ void define_linear(py::module_& m) {
 
   m.attr("SHIFT") = shifts[0];
   m.def(
-      "rounding", [](const Values& values) { return rounding_about(values, shifts[0], false); },
+      "rounding",
+      [](const Values& values) {
+        Reals found;
+        rounding_about(values, shifts[0], false, found);
+        return found;
+      },
       "values"_a);
   m.def(
       "crossings",

@@ -120,8 +120,11 @@ struct LinearPart {
 struct Rayleigh {
   Eigen::ArrayXd mass, gyroscopic, dissipative, circulatory, error;
 
-  explicit Rayleigh(Index count) {
-    mass = gyroscopic = dissipative = circulatory = error = Eigen::ArrayXd::Zero(count);
+  /// Takes room for some motions, unless it is there.
+  void reserve(Index count) {
+    for (auto* const one : {&mass, &gyroscopic, &dissipative, &circulatory, &error}) {
+      if (one->size() < count) one->resize(count);
+    }
   }
 };
 

@@ -375,7 +375,7 @@ Rayleigh PanelPencil::rayleigh(double u, const Reals& frequencies, const Matrix&
   const double thrust = pipe_.end_coefficient * u * u * std::cos(pipe_.jet_angle);
   const double lost_term = 4.0 * eps * std::sqrt(static_cast<double>(size_));
   const Reals omega = frequencies.abs();
-  Rayleigh sum(count);
+  Rayleigh sum;
   sum.mass = form(tables_[mass], z);
   sum.gyroscopic = u * skew(z, tables_[velocity] * z);
   const Reals strained = form(tables_[elastic], z), resisted = form(tables_[resistance], z);

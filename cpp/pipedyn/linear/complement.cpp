@@ -1,18 +1,25 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/complement.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace pipedyn {
 
 namespace {
 
+/// Number of columns that are reflected at a time, without memory from the heap.
+constexpr int together = 16;
+
 /// Applies the Householder reflection 1 - 2 v v^T to x; v, of length 1, is 0 before row `first`.
-template <class Columns>
-void reflect(const Vector& v, Index first, Columns&& x) {
-  Eigen::RowVectorXd along = Eigen::RowVectorXd::Zero(x.cols());
-  for (Index i = first; i < v.size(); ++i) along += (2.0 * v[i]) * x.row(i);
-  for (Index i = first; i < v.size(); ++i) x.row(i) -= v[i] * along;
+void reflect(const Vector& v, Index first, Eigen::Ref<Matrix> x) {
+  Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, together> along;
+  for (Index j = 0; j < x.cols(); j += together) {
+    auto some = x.middleCols(j, std::min<Index>(together, x.cols() - j));
+    along.setZero(some.cols());
+    for (Index i = first; i < v.size(); ++i) along += (2.0 * v[i]) * some.row(i);
+    for (Index i = first; i < v.size(); ++i) some.row(i) -= v[i] * along;
+  }
 }
 
 }  // namespace
@@ -35,9 +42,8 @@ Matrix Complement::lifted(const Matrix& z) const {
   return x;
 }
 
-Matrix Complement::projected(Matrix x) const {
+void Complement::project(Eigen::Ref<Matrix> x) const {
   for (Index j = 0; j < size_ - dof(); ++j) reflect(reflected_[j], j, x);
-  return x.bottomRows(dof());
 }
 
 }  // namespace pipedyn

@@ -23,7 +23,12 @@ class Complement {
   /// Z z for coefficients z (dof, r).
   Matrix lifted(const Matrix& z) const;
   /// Z^T x for vectors x (n, r).
-  Matrix projected(Matrix x) const;
+  Matrix projected(Matrix x) const {
+    project(x);
+    return x.bottomRows(dof());
+  }
+  /// The same in the last rows of x, without further memory.
+  void project(Eigen::Ref<Matrix> x) const;
 
  private:
   Index size_;

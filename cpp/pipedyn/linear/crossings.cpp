@@ -201,36 +201,26 @@ class Search {
   /// not taken for one of them. At rest, roots within rounding of zero are set to zero, and without
   /// damping oscillating roots are set on the axis.
   SharedSample take(double u) {
-    // With lambda^2 the end of a sample may divide four roots of equal magnitude.
-    std::shared_ptr<Sample> shared = spectrum_.unused_sample();
-    spectrum_.sample(u, range_.count + (traits_.squared ? 2 : 0), *shared);
-    if (const Index standing = spectrum_.standing(); standing > 0) {
-      std::vector<Index> moving;
-      for (Index i = standing; i < shared->size(); ++i) moving.push_back(i);
-      const std::shared_ptr<const Sample> every = std::exchange(shared, spectrum_.unused_sample());
-      every->take(moving, *shared);
-      shared->u = u;
-    }
+    const std::shared_ptr<Sample> shared = spectrum_.unused_sample();
     Sample& at = *shared;
+    const Index standing = spectrum_.standing();
+    Sample& every = traits_.squared || standing > 0 ? all_ : at;
+    // With lambda^2 the end of a sample may divide four roots of equal magnitude.
+    spectrum_.sample(u, range_.count + (traits_.squared ? 2 : 0), every);
     report_();
+    if (&every != &at) {
+      choose(every, standing, kept_);
+      every.take(kept_, at);
+      at.u = u;
+    }
     if (traits_.squared) {
-      Sample half{{.values = Values(at.size()), .slopes = Values(at.size())}, u};
-      Index count = 0;
-      bool twin = true;  // whether a zero is the second of two
       for (Index i = 0; i < at.size(); ++i) {
         const Complex value = at.values[i];
-        if (value == 0.0) twin = !twin;
-        const bool on_axis = value.real() == 0.0 && (value.imag() > 0.0 || (value == 0.0 && !twin));
-        if (!(value.real() > 0.0 || on_axis)) continue;
-        half.values[count] = value * value;
-        if (on_axis || value.imag() == 0.0) half.values[count].imag(0.0);
-        half.slopes[count++] = 2.0 * value * at.slopes[i];
+        at.values[i] = value * value;
+        if (value.real() == 0.0 || value.imag() == 0.0) at.values[i].imag(0.0);
+        at.slopes[i] = 2.0 * value * at.slopes[i];
       }
-      count = std::min(count, (range_.count + 1 - spectrum_.standing()) / 2);
-      half.values.conservativeResize(count);
-      half.slopes.conservativeResize(count);
-      half.noise = half.slope_noise = half.signatures = Reals::Zero(count);
-      at = std::move(half);
+      for (Reals* const of : {&at.noise, &at.slope_noise, &at.signatures}) of->setZero(at.size());
     }
     for (Index i = 0; u == 0.0 && i < at.size(); ++i) {
       Complex& value = at.values[i];
@@ -238,6 +228,21 @@ class Search {
       if (!traits_.squared && !traits_.damped && value.imag() != 0.0) value.real(0.0);
     }
     return shared;
+  }
+
+  /// Finds the roots of a sample that are looked at, without the first ones, which are always zero:
+  /// where lambda^2 is tracked, one of lambda and -lambda.
+  void choose(const Sample& every, Index standing, Roots& kept) const {
+    kept.clear();
+    bool twin = true;  // whether a zero is the second of two
+    for (Index i = standing; i < every.size(); ++i) {
+      const Complex value = every.values[i];
+      if (value == 0.0) twin = !twin;
+      const bool on_axis = value.real() == 0.0 && (value.imag() > 0.0 || (value == 0.0 && !twin));
+      if (!traits_.squared || value.real() > 0.0 || on_axis) kept.push_back(i);
+    }
+    const std::size_t most = (range_.count + 1 - standing) / 2;
+    if (traits_.squared && kept.size() > most) kept.resize(most);
   }
 
   /// Mode of each root at rest, in the order of frequency.
@@ -714,7 +719,7 @@ class Search {
                                    : 0.5 * ((1.0 - t) * (step.start(root) + step.start(other)) +
                                             t * (step.end(root) + step.end(other)));
       const SharedSample at = take(u);
-      const Roots near = nearest(*at, expected);
+      const Roots& near = nearest(*at, expected);
       const Complex one = at->values[near[0]], two = at->values[near[1]];
       centre = 0.5 * (one + two);
       rounding = std::abs(one - two) * (at->noise[near[0]] + at->noise[near[1]]);
@@ -761,8 +766,9 @@ class Search {
   }
 
   /// Indices of a sample's roots, of which the first two are the two nearest to a value.
-  Roots nearest(const Sample& at, Complex value) const {
-    Roots places(at.size());
+  const Roots& nearest(const Sample& at, Complex value) {
+    Roots& places = places_;
+    places.resize(at.size());
     for (Index i = 0; i < at.size(); ++i) places[i] = i;
     std::partial_sort(places.begin(), places.begin() + std::min<Index>(2, at.size()), places.end(),
                       [&](Index i, Index k) {
@@ -798,6 +804,9 @@ class Search {
   // Those of the right sample, and memory in which they are found.
   Roots next_modes_, every_;
   Flags next_unstable_, before_;
+  // All roots of a sample of which some are looked at, those, and roots in another order.
+  Sample all_;
+  Roots kept_, places_;
   int unstable_count_ = 0, static_count_ = 0;
   Scan scanned_;  // what the step looked at last shows
 };

@@ -73,18 +73,22 @@ void Determinant::pairs(double u, const ValuesRef& values, bool vectors, bool ow
                       part(10), right, vectors ? left : nullptr, loaded});
   const auto place = [&](Index i) { return places.empty() ? i : places[i]; };
   if (places.empty()) {
-    for (Reals* const of : {&found.residual, &found.uncertain}) of->resize(count);
+    for (Reals* const of : {&found.residual, &found.uncertain}) room_in(*of, count);
     for (Values* const of :
          {&found.values, &found.slopes, &found.by_left, &found.by_right, &found.corrections}) {
-      of->resize(count);
+      room_in(*of, count);
     }
   }
   const auto read_columns = [&](double* of, double sign, ComplexTable& to) {
-    if (vectors) project({of, n, 2 * count}, projected_);
-    if (places.empty()) to.resize(vectors ? projected_.rows() : 0, count);
-    for (Index i = 0; vectors && i < count; ++i) {
-      to.col(place(i)).real() = projected_.col(i);
-      to.col(place(i)).imag() = sign * projected_.col(count + i);
+    if (!vectors) {
+      to.resize(0, std::max(to.cols(), count));
+      return;
+    }
+    const Eigen::Ref<const Matrix> columns = project({of, n, 2 * count}, projected_);
+    if (places.empty()) room_in(to, columns.rows(), count);
+    for (Index i = 0; i < count; ++i) {
+      to.col(place(i)).real() = columns.col(i);
+      to.col(place(i)).imag() = sign * columns.col(count + i);
     }
   };
   read_columns(right, 1.0, found.right);

@@ -54,7 +54,7 @@ class Determinant {
                        Eigen::Ref<Values> found) const;
   /// Writes errors, slopes and corrections of roots from their vectors to `found`, and unit vectors
   /// if they are asked for. own: whether by_right is needed; loaded: see `PairsAsked`; places:
-  /// which entries of `found` to replace, instead of all.
+  /// which entries of `found` to replace, instead of the first ones, for which it grows.
   void pairs(double u, const ValuesRef& values, bool vectors, bool own, bool loaded, Pairs& found,
              const std::vector<Index>& places = {}) const;
   /// A sum of parts of P as a matrix in elastic coordinates, (dof, dof), and the norm of the
@@ -106,8 +106,9 @@ class Determinant {
   /// Calls the kernel that computes `log_derivatives`, or the one that computes `pairs`.
   virtual void evaluate(const Points& points, double* out) const = 0;
   virtual void evaluate(const Points& points, const PairsAsked& out) const = 0;
-  /// Takes vectors in the coordinates of the kernel, (size, r), to elastic coordinates.
-  virtual void project(const Eigen::Map<Matrix>& x, Matrix& to) const = 0;
+  /// Takes vectors in the coordinates of the kernel, (size, r), to elastic coordinates, in the
+  /// memory of `to`.
+  virtual Eigen::Ref<Matrix> project(const Eigen::Map<Matrix>& x, Matrix& to) const = 0;
   /// Takes vectors in elastic coordinates, (dof, r), to the coordinates in which `times` knows
   /// products.
   virtual Matrix lifted(const Matrix& x) const = 0;
@@ -156,9 +157,11 @@ class ChainDeterminant : public Determinant {
   void evaluate(const Points& points, const PairsAsked& out) const override {
     motion_kernel().dynamic_stiffness->pairs(chain_->model(), points, out);
   }
-  void project(const Eigen::Map<Matrix>& angles, Matrix& to) const override {
-    to = scale_.cwiseInverse().asDiagonal() * angles;
-    if (held() > 0) to = complement_.projected(std::move(to));
+  Eigen::Ref<Matrix> project(const Eigen::Map<Matrix>& angles, Matrix& to) const override {
+    auto found = room_in(to, angles.rows(), angles.cols());
+    found = scale_.cwiseInverse().asDiagonal() * angles;
+    complement_.project(found);
+    return found.bottomRows(complement_.dof());
   }
   Matrix lifted(const Matrix& x) const override {
     return scale_.asDiagonal() * complement_.lifted(x);
@@ -206,8 +209,10 @@ class PanelDeterminant : public Determinant {
   void evaluate(const Points& points, const PairsAsked& out) const override {
     motion_kernel().elimination->pairs(at(points.u).model, points, out);
   }
-  void project(const Eigen::Map<Matrix>& x, Matrix& to) const override {
-    to.noalias() = projection_ * x;
+  Eigen::Ref<Matrix> project(const Eigen::Map<Matrix>& x, Matrix& to) const override {
+    auto found = room_in(to, projection_.rows(), x.cols());
+    found.noalias() = projection_ * x;
+    return found;
   }
   Matrix lifted(const Matrix& x) const override { return lift_ * x; }
   Matrix times(const Matrix& x, const LinearPart& part) const override {

@@ -212,7 +212,7 @@ std::size_t next_real(const Approximations& roots, std::size_t i) {
 void expected(const Approximations& roots, double further, Complex delta, bool paired,
               Approximations& result, RootsMemory& memory) {
   result.clear();
-  result.reserve(roots.size() + 1);  // a pair that meets becomes two roots
+  result.reserve(roots_in(roots));  // a pair that meets becomes two roots
   std::vector<char>& met = memory.marks;
   met.assign(roots.size(), 0);
   for (std::size_t i = 0; i < roots.size(); ++i) {

@@ -41,12 +41,6 @@ struct RootsMemory {
   Approximations roots;
 };
 
-/// The first entries of an array that grows where it has fewer.
-inline auto room_in(Values& of, Index size) {
-  if (of.size() < size) of.resize(size);
-  return of.head(size);
-}
-
 /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over all roots and their implied
 /// conjugates, without roots at lambda itself, in the memory until the next call.
 Eigen::Ref<Values> log_derivatives(const Determinant& of, double u, const ValuesRef& at,

@@ -74,32 +74,23 @@ double largest_residual_of(const Pairs& pairs) {
   return most;
 }
 
-/// P x and (dP/dlambda) x of one vector, and the sum of the sizes of the terms of P x.
-struct Row {
-  ComplexVector rest = {}, rate = {};
-  double size = 0.0;
-
-  void set(const Products& products, Index i, Complex value, double stiffness_size) {
-    const auto& [mass, velocity, stiffness] = products;
-    rate = value * mass.col(i) + velocity.col(i);
-    rest = value * rate + stiffness.col(i);
-    rate += value * mass.col(i);
-    size = std::norm(value) * mass.col(i).norm() + std::abs(value) * velocity.col(i).norm() +
-           stiffness_size;
-  }
-};
-
-/// The pair nearest to a good guess by two-sided Rayleigh quotient iteration, with its residual,
-/// which is infinite where the iteration fails. `steps` is increased by the number of steps taken.
-Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
-  const ComplexVector seed = Eigen::VectorXd::LinSpaced(p.dof, 1.0, 0.5).cast<Complex>();
-  Pair last{guess.value, guess.right.size() == 0 ? seed : guess.right, seed}, best = last;
-  Row row;
+/// Refines a pair near `value` by two-sided Rayleigh quotient iteration from a right vector, if it
+/// is known. Returns the pair with its residual, which is infinite where the iteration fails.
+/// `steps` is increased by the number of steps taken.
+const Pair& refine(const DenseOperator& p, Complex value, const VectorRef& right,
+                   Refinement& memory, int& steps) {
+  auto& [last, best, row] = memory;
+  last.value = value;
+  last.residual = infinite;
+  last.left = Eigen::VectorXd::LinSpaced(p.dof, 1.0, 0.5).cast<Complex>();
+  last.right = last.left;
+  if (right.size() > 0) last.right = right;
+  best = last;
   for (int step = 0; step < most_refinements; ++step) {
-    const Solver solve = p.factor(last.value);
+    p.factor(last.value);
     ++steps;
-    last.right = solve(last.right, false);
-    last.left = solve(last.left, true);
+    p.solve(last.right, false);
+    p.solve(last.left, true);
     for (ComplexVector* const x : {&last.right, &last.left}) *x /= x->norm();
     if (!last.right.allFinite() || !last.left.allFinite()) break;
     const Products products = p.multiply(last.right);
@@ -119,27 +110,28 @@ Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
 }
 
 /// Work of an operator on vectors (dof, r) that oscillate with some frequencies.
-Rayleigh forms_of(const DenseOperator& p, const Reals& frequencies, const ComplexTable& vectors) {
+void find_forms(const DenseOperator& p, const RealsRef& frequencies, const ColumnsRef& vectors,
+                WorkMemory& memory, Rayleigh& found) {
+  auto& [parts, sizes, table, x, by_velocity, by_place] = memory;
   // The parts of C and K that do work, and the sizes of the entries from whose rounding they
   // result.
-  const DenseOperator parts = p.with(p.mass(), 0.5 * (p.velocity() + p.velocity().transpose()),
-                                     0.5 * (p.stiffness() - p.stiffness().transpose()));
-  const auto sizes_of = [](const Matrix& part, const Matrix& whole) -> Matrix {
-    return (part.array() == 0.0).select(0.0, whole.cwiseAbs());
-  };
-  const DenseOperator sizes = p.with(p.mass(), sizes_of(parts.velocity(), p.velocity()),
-                                     sizes_of(parts.stiffness(), p.stiffness()));
+  DenseOperator::Matrices& of_parts = parts.renewed(p.lapack, p.dof, p.size, p.lost);
+  of_parts[1] = 0.5 * (p.velocity() + p.velocity().transpose());
+  of_parts[2] = 0.5 * (p.stiffness() - p.stiffness().transpose());
+  DenseOperator::Matrices& of_sizes = sizes.renewed(p.lapack, p.dof, p.size, p.lost);
+  of_sizes[1] = (of_parts[1].array() == 0.0).select(0.0, p.velocity().cwiseAbs());
+  of_sizes[2] = (of_parts[2].array() == 0.0).select(0.0, p.stiffness().cwiseAbs());
   const auto [mass, velocity, stiffness] = p.multiply(vectors);
   const auto [same, resisting, circulatory] = parts.multiply(vectors);
-  const ComplexTable lengths = vectors.cwiseAbs().cast<Complex>();
+  auto lengths = room_in(table, p.dof, vectors.cols());
+  lengths = vectors.cwiseAbs().cast<Complex>();
   const auto [none, velocity_sizes, stiffness_sizes] = sizes.multiply(lengths);
-  Rayleigh found(vectors.cols());
+  found.reserve(vectors.cols());
   for (Index i = 0; i < vectors.cols(); ++i) {
     const double omega = std::abs(frequencies[i]);
-    const ComplexVector x = vectors.col(i).conjugate();
-    const ComplexVector by_velocity = x.cwiseProduct(resisting.col(i));
-    const ComplexVector by_place =
-        x.cwiseProduct(p.is_hysteretic() ? stiffness.col(i) : circulatory.col(i));
+    x = vectors.col(i).conjugate();
+    by_velocity = x.cwiseProduct(resisting.col(i));
+    by_place = x.cwiseProduct(p.is_hysteretic() ? stiffness.col(i) : circulatory.col(i));
     found.mass[i] = x.cwiseProduct(mass.col(i)).sum().real();
     found.gyroscopic[i] = x.cwiseProduct(velocity.col(i)).sum().imag();
     found.dissipative[i] = by_velocity.sum().real();
@@ -154,7 +146,6 @@ Rayleigh forms_of(const DenseOperator& p, const Reals& frequencies, const Comple
     const double added = static_cast<double>(p.dof + 2) * eps * sums;
     found.error[i] = 2.0 * (added + p.lost.entries * entries) + matrices;
   }
-  return found;
 }
 
 /// Whether a root off the axis of a conservative system has a mirror image across the axis; all
@@ -180,6 +171,15 @@ constexpr Reals Pairs::* reals[] = {&Pairs::residual, &Pairs::uncertain, &Pairs:
                                     &Pairs::slope_noise, &Pairs::signatures};
 
 }  // namespace
+
+void Row::set(const Products& products, Index i, Complex value, double stiffness_size) {
+  const auto& [mass, velocity, stiffness] = products;
+  rate = value * mass.col(i) + velocity.col(i);
+  rest = value * rate + stiffness.col(i);
+  rate += value * mass.col(i);
+  size = std::norm(value) * mass.col(i).norm() + std::abs(value) * velocity.col(i).norm() +
+         stiffness_size;
+}
 
 std::vector<Index> by_size(const ValuesRef& values, std::vector<Index> order) {
   order.resize(values.size());
@@ -250,75 +250,94 @@ void Pairs::take(const std::vector<Index>& which, Pairs& to) const {
 }
 
 const DenseOperator& Eigenproblem::at(double u) {
-  if (latest_ == nullptr || u != latest_speed_) {
-    latest_ = at_(u);
+  if (u != latest_speed_) {
+    at_(u, dense_.latest);
     latest_speed_ = u;
   }
-  return *latest_;
+  return dense_.latest;
+}
+
+void Eigenproblem::reuse(Spectrum& other) {
+  auto* const same = dynamic_cast<Eigenproblem*>(&other);
+  if (same == nullptr || same == this) return;
+  Spectrum::reuse(other);
+  std::swap(dense_, same->dense_);
+  latest_speed_ = same->latest_speed_ = no_speed;
 }
 
 void Eigenproblem::lowest(double u, Index count, bool left, bool high, Pairs& found) {
   count = std::min(count, 2 * traits.dof);
-  std::optional<Pairs> best;
+  bool any = false;
   for (const double shift : shifts) {
-    std::optional<Pairs> pairs = about(u, shift, count, left);
-    if (!pairs) continue;
-    mend(u, *pairs, left, high);
+    const Pairs& pairs = dense_.pairs;
+    if (!about(u, shift, count, left)) continue;
+    mend(u, dense_.pairs, left, high);
     bool good = true;
-    for (Index i = 0; i < pairs->values.size(); ++i) good = good && is_good(*pairs, i, high);
-    if (!best || largest_residual_of(*pairs) < largest_residual_of(*best)) best = std::move(pairs);
+    for (Index i = 0; i < pairs.values.size(); ++i) good = good && is_good(pairs, i, high);
+    if (!any || largest_residual_of(pairs) < largest_residual_of(found)) {
+      found.values = pairs.values;
+      found.right = pairs.right;
+      found.left = pairs.left;
+      found.residual = pairs.residual;
+    }
+    any = true;
     if (good) break;
   }
-  if (!best) {
-    const double none = std::numeric_limits<double>::quiet_NaN();
-    best =
-        Pairs{Values::Constant(count, {none, 0.0}), ComplexTable::Zero(traits.dof, count),
-              ComplexTable::Zero(traits.dof, left ? count : 0), Reals::Constant(count, infinite)};
-  }
-  found = *std::move(best);
+  if (any) return;
+  const double none = std::numeric_limits<double>::quiet_NaN();
+  found = {Values::Constant(count, {none, 0.0}), ComplexTable::Zero(traits.dof, count),
+           ComplexTable::Zero(traits.dof, left ? count : 0), Reals::Constant(count, infinite)};
 }
 
-/// The `count` lowest pairs by the inverse problem about a shift; none if that fails.
-std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bool left) {
+/// Finds the `count` lowest pairs by the inverse problem about a shift, in `dense_.pairs`; returns
+/// false if that fails.
+bool Eigenproblem::about(double u, double shift, Index count, bool left) {
   const bool free = is_squared(u);
-  auto [mu, right, lefts] = at(u).inverse(shift, free, left ? 'V' : 'N');
+  const auto& [mu, right, lefts] = at(u).inverse(shift, free, left ? 'V' : 'N');
   factorised_ += 2;
   const Index size = mu.size();
-  if (size == 0) return std::nullopt;
+  if (size == 0) return false;
   // Without a term in lambda, lambda^2 is real or one of a conjugate pair, and each vector serves
   // both signs of lambda.
-  Values roots(free ? 2 * size : size);
+  Values& roots = dense_.roots;
+  roots.resize(free ? 2 * size : size);
   for (Index i = 0; i < size; ++i) {
     const Complex inverse = 1.0 / mu[i];
     roots[i] = free ? std::sqrt(shift * shift + inverse) : shift + inverse;
     if (free) roots[size + i] = -roots[i];
   }
-  std::vector<Index> order = by_size(roots), from;
-  order.resize(std::min(count, roots.size()));
-  for (const Index i : order) from.push_back(i % size);
-  Pairs pairs;
-  Pairs{mu, std::move(right), std::move(lefts)}.take(from, pairs);
-  const ComplexTable duals = std::exchange(pairs.left, ComplexTable(traits.dof, 0));
-  for (Index i = 0; i < pairs.size(); ++i) pairs.values[i] = roots[order[i]];
-  assess(u, pairs);
-  pairs.left = duals;
-  for (Index i = 0; i < pairs.size(); ++i) {
+  std::vector<Index>& order = dense_.order;
+  order = by_size(roots, std::move(order));
+  count = std::min(count, roots.size());
+  Pairs& pairs = dense_.pairs;
+  pairs.values.resize(count);
+  pairs.right.resize(traits.dof, count);
+  pairs.left.resize(traits.dof, left ? count : 0);
+  for (Index k = 0; k < count; ++k) {
+    const Index i = order[k] % size;
+    pairs.values[k] = roots[order[k]];
+    pairs.right.col(k) = right.col(i);
+    if (left) pairs.left.col(k) = lefts.col(i);
+  }
+  find_residuals(u, pairs);
+  for (Index i = 0; i < count; ++i) {
     if (is_finite(pairs.values[i])) continue;
     pairs.values[i] = std::numeric_limits<double>::quiet_NaN();
     pairs.right.col(i).setZero();
     pairs.residual[i] = infinite;
   }
-  return pairs;
+  return true;
 }
 
 /// Refines the pairs that failed the check of their residual, one by one (conjugates together).
 void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
-  const Values before = pairs.values;
+  Values& before = dense_.before;
+  before = pairs.values;
   for (Index i = 0; i < before.size(); ++i) {
     const Complex value = before[i];
     if (!(value.imag() >= 0.0 || traits.is_hysteretic()) || !is_finite(value)) continue;
     if (is_good(pairs, i, high)) continue;
-    const Pair better = near(u, {value, pairs.right.col(i)});
+    const Pair& better = near(u, value, pairs.right.col(i));
     if (!(std::abs(better.value - value) <= 1e-3 * std::abs(value) + 1e-6)) continue;
     if (better.residual <= pairs.residual[i] || better.converged()) {
       pairs.values[i] = value.imag() == 0.0 ? better.value.real() : better.value;
@@ -338,26 +357,31 @@ void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
   }
 }
 
+void Eigenproblem::find_residuals(double u, Pairs& pairs) {
+  const DenseOperator& p = at(u);
+  const Products products = p.multiply(pairs.right);
+  Row& row = dense_.refined.row;
+  pairs.residual.resize(pairs.size());
+  for (Index i = 0; i < pairs.size(); ++i) {
+    row.set(products, i, pairs.values[i], p.size);
+    pairs.residual[i] = row.rest.norm() / row.size;
+  }
+}
+
 void Eigenproblem::assess(double u, Pairs& pairs) {
+  if (pairs.residual.size() == 0) find_residuals(u, pairs);
+  if (pairs.left.cols() == 0) return;
   const DenseOperator& p = at(u);
   const Index count = pairs.size();
-  const bool lefts = pairs.left.cols() > 0, given = pairs.residual.size() > 0;
   const Products products = p.multiply(pairs.right);
-  ComplexTable by_speed;
-  Reals hidden;
-  if (!given) pairs.residual.resize(count);
-  if (lefts) {
-    hidden = p.hidden(pairs.values, pairs.right, pairs.left);
-    by_speed = p.by_speed(pairs.values, pairs.right);
-    pairs.uncertain.resize(count);
-    for (Values* const one : {&pairs.slopes, &pairs.by_left, &pairs.by_right}) one->resize(count);
-  }
-  Row row;
+  const Reals& hidden = p.hidden(pairs.values, pairs.right, pairs.left);
+  const Columns by_speed = p.by_speed(pairs.values, pairs.right);
+  pairs.uncertain.resize(count);
+  for (Values* const one : {&pairs.slopes, &pairs.by_left, &pairs.by_right}) one->resize(count);
+  Row& row = dense_.refined.row;
   for (Index i = 0; i < count; ++i) {
     const Complex value = pairs.values[i];
     row.set(products, i, value, p.size);
-    if (!given) pairs.residual[i] = row.rest.norm() / row.size;
-    if (!lefts) continue;
     const auto y = pairs.left.col(i);
     const Complex by_left = y.dot(row.rate);
     const double lost = pairs.residual[i] * row.size + eps * (row.size + hidden[i]);
@@ -369,8 +393,9 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
   }
 }
 
-Rayleigh Eigenproblem::rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors) {
-  return forms_of(at(u), frequencies, vectors);
+void Eigenproblem::rayleigh(double u, const RealsRef& frequencies, const ColumnsRef& vectors,
+                            Rayleigh& found) {
+  find_forms(at(u), frequencies, vectors, dense_.work, found);
 }
 
 /// Replaces Re lambda by that of its energy balance where rounding hides a slow growth: for high
@@ -385,7 +410,8 @@ Rayleigh Eigenproblem::rayleigh(double u, const Reals& frequencies, const Comple
 /// against it, while the rounding of lambda is eps |lambda|^2. The left vector obeys the same
 /// balance; the difference of the two results shows the error of the vectors.
 void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
-  std::vector<Index> hidden;
+  std::vector<Index>& hidden = dense_.hidden;
+  hidden.clear();
   for (Index i = 0; i < pairs.values.size(); ++i) {
     const Complex value = pairs.values[i];
     if (value.imag() == 0.0 || !(std::abs(value.real()) < 1e3 * uncertain[i])) continue;
@@ -395,31 +421,38 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
     if (std::abs(pairs.by_left[i]) > 0.1 * std::abs(pairs.by_right[i])) hidden.push_back(i);
   }
   if (hidden.empty()) return;
-  Pairs some;
-  pairs.take(hidden, some);
-  const Reals omega = some.values.imag();
-  const Rayleigh right = rayleigh(u, omega, some.right), left = rayleigh(u, omega, some.left);
-  const auto balance = [&](const Rayleigh& of) -> Reals {
-    return 2.0 * omega * of.mass + of.gyroscopic;
-  };
-  const auto rate = [&](const Rayleigh& of) -> Reals {
-    return -(omega * of.dissipative + of.circulatory) / balance(of);
-  };
-  const Reals rates = rate(right);
-  const Reals errors =
-      right.error / balance(right).abs() + vector_error * (rates - rate(left)).abs();
-  for (std::size_t k = 0; k < hidden.size(); ++k) {
+  const Index count = static_cast<Index>(hidden.size()), rows = pairs.right.rows();
+  auto omega = room_in(dense_.reals, count);
+  auto x = room_in(dense_.right, rows, count), y = room_in(dense_.left, rows, count);
+  for (Index k = 0; k < count; ++k) {
+    omega[k] = pairs.values[hidden[k]].imag();
+    x.col(k) = pairs.right.col(hidden[k]);
+    y.col(k) = pairs.left.col(hidden[k]);
+  }
+  auto& [right, left] = dense_.forms;
+  rayleigh(u, omega, x, right);
+  rayleigh(u, omega, y, left);
+  for (Index k = 0; k < count; ++k) {
+    const auto balance = [&](const Rayleigh& of) {
+      return 2.0 * omega[k] * of.mass[k] + of.gyroscopic[k];
+    };
+    const auto rate = [&](const Rayleigh& of) {
+      return -(omega[k] * of.dissipative[k] + of.circulatory[k]) / balance(of);
+    };
+    const double error = right.error[k] / std::abs(balance(right)) +
+                         vector_error * std::abs(rate(right) - rate(left));
     const Index i = hidden[k];
-    if (!(errors[k] < uncertain[i])) continue;
-    pairs.values[i].real(rates[k] + 0.0);  // -0 is 0
-    uncertain[i] = errors[k];
+    if (!(error < uncertain[i])) continue;
+    pairs.values[i].real(rate(right) + 0.0);  // -0 is 0
+    uncertain[i] = error;
   }
 }
 
 /// The larger of the rounding of the matrix and the error that the residual tells.
-void Eigenproblem::find_noise(Pairs& pairs) const {
+void Eigenproblem::find_noise(Pairs& pairs) {
   noise_of_residuals(pairs);
-  pairs.noise = rounding_about(pairs.values, shifts[0], true).max(pairs.noise);
+  rounding_about(pairs.values, shifts[0], true, dense_.reals);
+  pairs.noise = pairs.noise.max(dense_.reals);
 }
 
 /// Errors of roots by their residuals. They are limited to the square root of rounding, by which
@@ -441,7 +474,8 @@ void Eigenproblem::leave_axis(Pairs& pairs) {
   const Matrix none = Matrix::Zero(p.dof, p.dof);
   const DenseOperator by_flow(p.lapack, {p.mass(), p.velocity_rate(), none}, p.size,
                               {.entries = p.lost.entries});
-  const Rayleigh found = forms_of(by_flow, Reals::Ones(pairs.size()), pairs.right);
+  Rayleigh& found = dense_.forms[0];
+  find_forms(by_flow, Reals::Ones(pairs.size()), pairs.right, dense_.work, found);
   for (Index i = 0; i < pairs.size(); ++i) {
     if (pairs.values[i].imag() == 0.0) continue;
     pairs.slopes[i].real(-0.5 * found.dissipative[i] / found.mass[i]);
@@ -484,17 +518,20 @@ void Eigenproblem::sample(double u, Index count, Sample& pairs) {
 }
 
 /// The root next to a guess, with vectors and residual.
-Pair Eigenproblem::near(double u, const Pair& guess) {
+const Pair& Eigenproblem::near(double u, Complex value, const VectorRef& right) {
   int steps = 0;
-  Pair result = refine(at(u), guess, steps);
+  const Pair& result = refine(at(u), value, right, dense_.refined, steps);
   factorised_ += steps;
   return result;
 }
 
 Pair Eigenproblem::refined(double u, const Pair& guess, bool) {
-  const Pair found = near(u, guess);
-  Pairs pairs{Values::Constant(1, found.value), found.right, found.left,
-              Reals::Constant(1, found.residual)};
+  const Pair& found = near(u, guess.value, guess.right);
+  Pairs& pairs = dense_.one;
+  pairs.values.setConstant(1, found.value);
+  pairs.right = found.right;
+  pairs.left = found.left;
+  pairs.residual.setConstant(1, found.residual);
   assess(u, pairs);
   improve(u, pairs, pairs.uncertain);
   return pairs.pair(0);
@@ -503,7 +540,7 @@ Pair Eigenproblem::refined(double u, const Pair& guess, bool) {
 Reals Eigenproblem::quotients(double u, const Pairs& pairs) {
   if (is_squared(u) || pairs.right.size() == 0) return -pairs.values.square().real();
   const auto [mass, velocity, stiffness] = at(u).multiply(pairs.right);
-  const auto form = [&](const ComplexTable& product) -> Reals {
+  const auto form = [&](const Columns& product) -> Reals {
     return pairs.right.conjugate().cwiseProduct(product).colwise().sum().real().transpose().array();
   };
   return form(stiffness) / form(mass);
@@ -514,20 +551,22 @@ Reals Eigenproblem::quotients(double u, const Pairs& pairs) {
 /// of the value, inertia y^H M x.
 Pair Eigenproblem::null_pair(double u, const Pair& near, double& inertia) {
   const DenseOperator& p = at(u);
-  const Solver solve = p.factor(0.0);
+  p.factor(0.0);
   ++factorised_;
   Pair result{0.0, near.right};
   const int steps = near.right.size() == 0 ? 3 : 1;
   if (steps > 1) result.right = Eigen::VectorXd::LinSpaced(traits.dof, 1.0, 0.5).cast<Complex>();
   for (int step = 0; step < steps; ++step) {
-    result.left = solve(result.right, true);
+    result.left = result.right;
+    p.solve(result.left, true);
     result.left /= result.left.norm();
-    result.right = solve(result.left, false);
+    result.right = result.left;
+    p.solve(result.right, false);
     result.right /= result.right.norm();
   }
   const auto [mass, velocity, stiffness] = p.multiply(result.right);
   result.value = result.left.dot(stiffness.col(0));
-  result.residual = stiffness.norm() / p.size;
+  result.residual = stiffness.col(0).norm() / p.size;
   result.uncertain = (result.residual + eps) * p.size;
   result.slope = result.left.dot(p.by_speed(Values::Zero(1), result.right).col(0));
   result.by_value = result.left.dot(velocity.col(0));

@@ -4,7 +4,8 @@
 // each with a checked residual.
 #pragma once
 
-#include <memory>
+#include <array>
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -20,9 +21,34 @@ inline constexpr double shifts[] = {0.97, 2.31, 0.41};
 /// rows (measured: 3.4 s for 1,600 rows).
 inline constexpr Index dense_limit = 2000;
 
+/// P x and (dP/dlambda) x of one vector, and the sum of the sizes of the terms of P x.
+struct Row {
+  ComplexVector rest = {}, rate = {};
+  double size = 0.0;
+
+  void set(const Products& products, Index i, Complex value, double stiffness_size);
+};
+
+/// Memory of the refinement of a pair.
+struct Refinement {
+  Pair last, best;
+  Row row;
+};
+
+/// Memory of the work of an operator on vectors.
+struct WorkMemory {
+  DenseOperator parts, sizes;
+  ComplexTable lengths;
+  ComplexVector conjugate, by_velocity, by_place;
+};
+
+using RealsRef = Eigen::Ref<const Reals>;
+using VectorRef = Eigen::Ref<const ComplexVector>;
+
 class Eigenproblem : public Spectrum {
  public:
-  using At = std::function<std::shared_ptr<DenseOperator>(double u)>;
+  /// Writes the operator at a speed.
+  using At = std::function<void(double u, DenseOperator& to)>;
 
   Eigenproblem(const Traits& known, At at) : Spectrum(known), at_(std::move(at)) {}
 
@@ -32,6 +58,7 @@ class Eigenproblem : public Spectrum {
   /// asked for. Pairs that fail the check of their residual are refined once. Pairs that fail still
   /// are in the result, as are NaNs where a root is beyond double precision. Without `high`, pairs
   /// of modes so high that rounding explains any residual are not refined.
+  /// The values, vectors and residuals of `found` are replaced, in its memory.
   virtual void lowest(double u, Index count, bool left, bool high, Pairs& found);
   /// Finds the `count` lowest roots by elimination along the pipe, with vectors or without. Returns
   /// false where roots could not be told from one another, or where some may be missing.
@@ -45,6 +72,7 @@ class Eigenproblem : public Spectrum {
   virtual void assess(double u, Pairs& pairs);
 
   void sample(double u, Index count, Sample& at) override;
+  void reuse(Spectrum& other) override;
   Pair refined(double u, const Pair& guess, bool vectors) override;
   Index standing() override { return free_turns().cols(); }
   Reals quotients(double u, const Pairs& pairs) override;
@@ -58,12 +86,13 @@ class Eigenproblem : public Spectrum {
   /// Whether lambda enters only as lambda^2 at a speed.
   bool is_squared(double u) const { return traits.squared || (traits.free_at_rest && u == 0.0); }
   /// Sets `noise` to how far rounding may have moved the roots of a sample.
-  virtual void find_noise(Pairs& pairs) const;
+  virtual void find_noise(Pairs& pairs);
   /// Sets `noise` to the errors of roots that follow from their residuals, except for the scatter
   /// of roots that meet.
   static void noise_of_residuals(Pairs& pairs);
   /// Work of the operator P on vectors (dof, r) that oscillate with the given frequencies.
-  virtual Rayleigh rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors);
+  virtual void rayleigh(double u, const RealsRef& frequencies, const ColumnsRef& vectors,
+                        Rayleigh& found);
   /// Replaces Re lambda and its uncertainty by those of the energy balance, where rounding hides
   /// it.
   void improve(double u, Pairs& pairs, Reals& uncertain);
@@ -71,10 +100,24 @@ class Eigenproblem : public Spectrum {
   virtual void find_growth(double u, Pairs& pairs) { improve(u, pairs, pairs.noise); }
 
  private:
-  std::optional<Pairs> about(double u, double shift, Index count, bool left);
+  /// Memory that samples use one after the other.
+  struct Memory {
+    DenseOperator latest;
+    Pairs pairs, one;  // about a shift; a refined root
+    Values roots, before;
+    std::vector<Index> order, hidden;
+    Reals reals;
+    ComplexTable right, left;
+    std::array<Rayleigh, 2> forms;
+    WorkMemory work;
+    Refinement refined;
+  };
+
+  bool about(double u, double shift, Index count, bool left);
   void mend(double u, Pairs& pairs, bool left, bool high);
   void leave_axis(Pairs& pairs);
-  Pair near(double u, const Pair& guess);
+  void find_residuals(double u, Pairs& pairs);
+  const Pair& near(double u, Complex value, const VectorRef& right);
   Pair null_pair(double u, const Pair& near, double& inertia);
   const Matrix& free_turns();
   std::vector<Divergence> divergences_beside(const Matrix& turns, double max_speed);
@@ -84,8 +127,9 @@ class Eigenproblem : public Spectrum {
   const At at_;
   std::optional<Matrix> free_turns_;                   // computed when first asked for
   std::optional<std::optional<Modes>> modes_at_rest_;  // computed when first asked for
-  std::shared_ptr<DenseOperator> latest_;
-  double latest_speed_ = -1.0;
+  static constexpr double no_speed = -1.0;
+  double latest_speed_ = no_speed;  // of `dense_.latest`
+  Memory dense_;
 };
 
 }  // namespace pipedyn

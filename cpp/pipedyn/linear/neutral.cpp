@@ -24,7 +24,7 @@ constexpr double least_distance = 1e-3;
 
 }  // namespace
 
-Reals rounding_about(const Values& values, double shift, bool assessed) {
+void rounding_about(const Values& values, double shift, bool assessed, Reals& found) {
   double nearest = infinite;
   for (const Complex value : values) {
     nearest = std::min(nearest, std::max(std::abs(value - shift), least_distance));
@@ -35,7 +35,7 @@ Reals rounding_about(const Values& values, double shift, bool assessed) {
     if (size <= double_zero) return double_zero;
     return of_value * size + of_any_norm / nearest * std::norm(value - shift) / std::min(size, 1.0);
   };
-  return values.unaryExpr(lost);
+  found = values.unaryExpr(lost);
 }
 
 }  // namespace pipedyn

@@ -6,8 +6,9 @@
 // pairs.
 #pragma once
 
-#include <functional>
-#include <memory>
+#include <array>
+#include <optional>
+#include <tuple>
 #include <vector>
 
 #include "pipedyn/linear/spectrum.hpp"
@@ -78,11 +79,25 @@ struct Modes {
   Reals squares, masses;  // omega^2 and x^T M x of each mode
 };
 
-/// The products M x, C x and K x.
-using Products = std::tuple<ComplexTable, ComplexTable, ComplexTable>;
+/// The first entries of an array, or the first columns of a table, which grows where it has fewer.
+template <class Array>
+auto room_in(Array& of, Index size) {
+  if (of.size() < size) of.resize(size);
+  return of.head(size);
+}
+template <class Table>
+auto room_in(Table& of, Index rows, Index columns) {
+  if (of.rows() != rows || of.cols() < columns) of.resize(rows, columns);
+  return of.leftCols(columns);
+}
 
-/// A function that takes x to P^-1 x, or to P^-H x (adjoint).
-using Solver = std::function<ComplexTable(const ComplexTable& x, bool adjoint)>;
+using Columns = Eigen::Ref<ComplexTable>;
+using ColumnsRef = Eigen::Ref<const ComplexTable>;
+
+/// The products M x, C x and K x.
+struct Products {
+  Columns mass, velocity, stiffness;
+};
 
 /// Eigenvalues mu of the inverse problem about a shift, with right vectors x and, if they are
 /// known, left vectors y (else a table (dof, 0)). With lambda = shift + 1/mu and P(shift) = K_s,
@@ -91,8 +106,13 @@ using Solver = std::function<ComplexTable(const ComplexTable& x, bool adjoint)>;
 ///
 /// so the lowest roots are the largest mu and survive rounding, and a singular K does no harm.
 /// Where P has no term in lambda, mu = 1 / (lambda^2 - shift^2), and x alone is the vector.
-using Inverse = std::tuple<Values, ComplexTable, ComplexTable>;
+struct Inverse {
+  Values values;
+  ComplexTable right, left;
+};
 
+/// An operator is used at one speed after another, and by one thread at a time. What its methods
+/// return by reference lies in its memory, until the same method is called again.
 class DenseOperator {
  public:
   /// M, C and K, the derivatives of C and K by u, and L, which is empty without a loss factor; each
@@ -105,6 +125,7 @@ class DenseOperator {
     double velocity = 0.0, stiffness = 0.0, entries = eps;
   };
 
+  DenseOperator() = default;  // without matrices, which `renewed` takes
   DenseOperator(const Lapack& known, Matrices matrices, double stiffness_size, Lost by_rounding)
       : dof(matrices[0].rows()),
         size(stiffness_size),
@@ -112,17 +133,25 @@ class DenseOperator {
         lapack(known),
         matrices_(std::move(matrices)) {}
 
-  Products multiply(const ComplexTable& x) const;
+  /// The matrices, to be written for another speed or another operator of these properties.
+  Matrices& renewed(const Lapack& known, Index rows, double stiffness_size, Lost by_rounding) {
+    std::tie(lapack, dof, size, lost) = std::tie(known, rows, stiffness_size, by_rounding);
+    return matrices_;
+  }
+  Products multiply(const ColumnsRef& x) const;
   /// (dP/du) x for each root and its vector x.
-  ComplexTable by_speed(const Values& values, const ComplexTable& x) const;
-  Solver factor(Complex value) const;
+  Columns by_speed(const ValuesRef& values, const ColumnsRef& x) const;
+  /// Factorises P, for `solve`.
+  void factor(Complex value) const;
+  /// Takes x to P^-1 x, or to P^-H x (adjoint).
+  void solve(ComplexVector& x, bool adjoint) const;
   /// All eigenpairs of the inverse problem, with right vectors, and left ones where `left` is 'V',
   /// else 'N'; none where P(shift) is singular or overflows, or where the iteration does not
   /// converge.
-  Inverse inverse(double shift, bool velocity_free, char left, char right = 'V') const;
+  const Inverse& inverse(double shift, bool velocity_free, char left, char right = 'V') const;
   /// Eigenvalues mu of the inverse problem, without vectors.
-  Values roots(double shift, bool velocity_free) const {
-    return std::get<0>(inverse(shift, velocity_free, 'N', 'N'));
+  const Values& roots(double shift, bool velocity_free) const {
+    return inverse(shift, velocity_free, 'N', 'N').values;
   }
   /// Undamped modes of M and K, for a symmetric K, with vectors or without; none where K + s M is
   /// definite for no s.
@@ -143,20 +172,44 @@ class DenseOperator {
   DenseOperator within(const Eigen::MatrixXd& basis, Index some) const;
   /// Error of y^H P x, in units of eps, that rounding of the entries of P may cause, for each pair:
   /// no residual shows it.
-  Reals hidden(const Values& values, const ComplexTable& right, const ComplexTable& left) const;
+  const Reals& hidden(const ValuesRef& values, const ColumnsRef& right,
+                      const ColumnsRef& left) const;
 
-  const Index dof;
-  const double size;  // size of K, relative to the elastic stiffness
-  const Lost lost;
-  const Lapack lapack;
+  Index dof = 0;
+  double size = 0.0;  // size of K, relative to the elastic stiffness
+  Lost lost;
+  Lapack lapack = {};
 
  private:
+  /// Memory of the eigenvalue problem.
   template <class Number>
-  Inverse inverse_of(double shift, bool velocity_free, char left, char right) const;
-  Eigen::MatrixXd times(const Eigen::Ref<const Matrix>& factor, const Eigen::MatrixXd& x) const;
-  ComplexTable times(int matrix, const ComplexTable& x) const;
+  struct Solver {
+    Eigen::Matrix<Number, Eigen::Dynamic, Eigen::Dynamic> shifted, step, left, right;
+    std::vector<Number> work;
+  };
+  struct Memory {
+    Eigen::MatrixXd parts, product, lengths;  // real columns
+    Matrix sizes;                             // |A| of a matrix A
+    std::array<ComplexTable, 6> products;     // with each matrix
+    ComplexTable lu;
+    std::vector<int> pivots;
+    std::tuple<Solver<double>, Solver<Complex>> solvers;
+    Reals real, imag, more, hidden;
+    Inverse inverse;
+  };
 
-  const Matrices matrices_;
+  template <class Number>
+  bool find_inverse(double shift, bool velocity_free, char left, char right) const;
+  Eigen::Ref<Eigen::MatrixXd> times(const Eigen::Ref<const Matrix>& factor,
+                                    const Eigen::Ref<const Eigen::MatrixXd>& x,
+                                    Eigen::MatrixXd& product) const;
+  /// Reads columns for products with them.
+  void read(const ColumnsRef& x) const;
+  /// The product of a matrix with the `count` columns that were read.
+  Columns product(std::size_t matrix, Index count) const;
+
+  Matrices matrices_;
+  mutable Memory memory_;
 };
 
 /// The operator P of a model at each speed, in matrices: M, V, D, K, A and L, which is empty
@@ -169,7 +222,8 @@ struct Pencil {
   std::array<double, 6> lost = {};  // errors of the matrices by rounding, in norm
   double entries_lost = eps;        // and relative to each entry
 
-  std::shared_ptr<DenseOperator> operator()(double u) const;
+  /// Writes the operator at a speed.
+  void operator()(double u, DenseOperator& to) const;
 };
 
 }  // namespace pipedyn

@@ -51,9 +51,10 @@ constexpr Index refinement = 20;
 Structured::Structured(const Traits& traits, std::shared_ptr<const Determinant> of,
                        double stiffness_size)
     : Eigenproblem(traits,
-                   [of, stiffness_size, pencil = std::optional<Pencil>()](double u) mutable {
+                   [of, stiffness_size, pencil = std::optional<Pencil>()](
+                       double u, DenseOperator& to) mutable {
                      if (!pencil) pencil = of->matrices(stiffness_size);
-                     return (*pencil)(u);
+                     (*pencil)(u, to);
                    }),
       of_(std::move(of)),
       zeros_at_rest_(pipedyn::roots_at_zero(*of_, 0.0)),
@@ -74,6 +75,7 @@ void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& foun
   for (const double aside : {0.0, 1e-12}) {
     std::vector<Index>& poor = memory_.poor;
     poor.clear();
+    poor.reserve(values.size());
     for (Index i = 0; i < values.size(); ++i) {
       const double residual = found.residual[place(i)];
       const bool good =
@@ -97,12 +99,12 @@ void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& foun
   }
 }
 
-/// Pairs of the given roots, corrected by their vectors as far as these allow.
-Pairs& Structured::refined_roots(double u, const Approximations& roots, bool vectors) const {
-  Pairs& found = memory_.refined;
-  Values& values = memory_.values;
+/// Finds pairs of the given roots, corrected by their vectors as far as these allow: the first
+/// entries of `found`, which may have more.
+void Structured::refine_roots(double u, const Approximations& roots, bool vectors,
+                              Pairs& found) const {
+  auto values = room_in(memory_.values, roots.size());
   std::vector<Index>& moved = memory_.some;
-  values.resize(roots.size());
   moved.resize(roots.size());
   for (std::size_t i = 0; i < roots.size(); ++i) values[i] = roots[i].value;
   at(u, values, vectors, found);
@@ -129,7 +131,6 @@ Pairs& Structured::refined_roots(double u, const Approximations& roots, bool vec
     const bool is_real = roots[i].alone && !traits.is_hysteretic();
     if (is_real && std::abs(value.imag()) <= found.uncertain[i]) value.imag(0.0);
   }
-  return found;
 }
 
 /// Whether none of the `least` lowest roots is missing; false also where that is unknown. A circle
@@ -173,7 +174,8 @@ bool Structured::from(Approximations& roots, double u, Index count, bool vectors
   }
   const bool every = roots_in(roots) >= 2 * traits.dof;
   if (!(every ? has_all(*of_, u, roots, memory_) : has_lowest(u, roots, next))) return false;
-  Pairs& all = refined_roots(u, roots, vectors);
+  Pairs& all = memory_.refined;
+  refine_roots(u, roots, vectors, all);
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const Complex slope = all.slopes[i];
     roots[i].settled = roots[i].value == 0.0;
@@ -246,7 +248,7 @@ const Structured::Known* Structured::nearest_known(double u) const {
 void Structured::reuse(Spectrum& other) {
   auto* const same = dynamic_cast<Structured*>(&other);
   if (same == nullptr || same == this || same->traits.dof != traits.dof) return;
-  Spectrum::reuse(other);
+  Eigenproblem::reuse(other);
   std::swap(memory_, same->memory_);
   for (Known& one : memory_.samples) one.u = infinite;
   of_->reuse(*same->of_);
@@ -276,8 +278,9 @@ bool Structured::by_recursion(double u, Index count, bool vectors, Pairs& found)
     if ((own ? n : size) > dense_limit) return false;
     Approximations starts;
     if (!own) {
-      const auto coarse = of_->coarser(size)->matrices(1.0)(u);
-      starts = starts_of(*coarse, u, u == 0.0 ? coarse->undamped_modes() : std::nullopt);
+      DenseOperator coarse;
+      of_->coarser(size)->matrices(1.0)(u, coarse);
+      starts = starts_of(coarse, u, u == 0.0 ? coarse.undamped_modes() : std::nullopt);
     } else if (u == 0.0 && every && is_squared(u)) {  // no vectors are needed
       const DenseOperator p = of_->free_at_rest();
       const std::optional<Modes> modes = p.undamped_modes(false);
@@ -288,7 +291,8 @@ bool Structured::by_recursion(double u, Index count, bool vectors, Pairs& found)
       const DenseOperator& p = Eigenproblem::at(u);
       const Index some = wanted / 2 + modes_beyond;
       const bool few = knows_modes() && 4 * some < 3 * traits.dof && modes_at_rest();
-      starts = dense_roots(few ? p.within(modes_at_rest()->vectors, some) : p, is_squared(u));
+      starts = few ? dense_roots(p.within(modes_at_rest()->vectors, some), is_squared(u))
+                   : dense_roots(p, is_squared(u));
     }
     if (!every) {
       while (roots_in(starts) > wanted) starts.pop_back();
@@ -374,9 +378,11 @@ void Structured::assess(double u, Pairs& pairs) {
 
 std::optional<Forms> Structured::forms(const Pair& pair) const { return of_->forms(pair); }
 
-Rayleigh Structured::rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors) {
-  const std::optional<Rayleigh> known = of_->rayleigh(u, frequencies, vectors);
-  return known ? *known : Eigenproblem::rayleigh(u, frequencies, vectors);
+void Structured::rayleigh(double u, const RealsRef& frequencies, const ColumnsRef& vectors,
+                          Rayleigh& found) {
+  std::optional<Rayleigh> known = of_->rayleigh(u, frequencies, vectors);
+  if (!known) return Eigenproblem::rayleigh(u, frequencies, vectors, found);
+  found = *std::move(known);
 }
 
 Reals Structured::quotients(double u, const Pairs& pairs) {
@@ -395,12 +401,13 @@ Pair Structured::refined(double u, const Pair& guess, bool vectors) {
   }
   Approximations& root = memory_.starts;
   root.assign(1, {value});
-  Pairs& found = refined_roots(u, root, vectors);
+  Pairs& found = memory_.one;
+  refine_roots(u, root, vectors, found);
   // Where the flow does hardly any work on a mode, as on one whose tip is held by a mass, its
   // energy balance gives a more accurate growth. It takes O(n^2), so it is used only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
   if (hidden && traits.dof <= dense_limit) {
-    if (!vectors) refined_roots(u, root, true);
+    if (!vectors) refine_roots(u, root, true, found);
     balance(u, found);
   }
   return found.pair(0);

@@ -51,8 +51,9 @@ class Structured : public Eigenproblem {
   void reuse(Spectrum& other) override;
 
  protected:
-  void find_noise(Pairs& pairs) const override { noise_of_residuals(pairs); }
-  Rayleigh rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors) override;
+  void find_noise(Pairs& pairs) override { noise_of_residuals(pairs); }
+  void rayleigh(double u, const RealsRef& frequencies, const ColumnsRef& vectors,
+                Rayleigh& found) override;
   void find_growth(double u, Pairs& pairs) override;
 
  private:
@@ -70,7 +71,7 @@ class Structured : public Eigenproblem {
     // Roots of the last samples: steps are halved from the right, and go on from there.
     std::vector<Known> samples = std::vector<Known>(8);
     Approximations starts;
-    Pairs refined, again;  // all roots, and poor ones that are computed once more
+    Pairs refined, again, one;  // all roots, poor ones that are computed once more, a single one
     Values values;
     std::vector<Complex> both;  // roots and the conjugates that they imply
     std::vector<Index> some, from, which, poor;
@@ -87,7 +88,7 @@ class Structured : public Eigenproblem {
   Pairs at(double u, const ValuesRef& values, bool vectors) const;
   void at(double u, const ValuesRef& values, bool vectors, Pairs& found,
           const std::vector<Index>& places = {}) const;
-  Pairs& refined_roots(double u, const Approximations& roots, bool vectors) const;
+  void refine_roots(double u, const Approximations& roots, bool vectors, Pairs& found) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   /// Approximate roots of an operator at a speed, from its undamped modes if these are known.
   Approximations starts_of(const DenseOperator& p, double u,
