@@ -19,8 +19,8 @@ using namespace py::literals;
 
 namespace {
 
-/// The collocation method with s stages: nodes c (s,), and the matrices O (s, s) of first and T
-/// (s, s) of second integrals, as in collocation.hpp.
+/// The collocation method with s stages: nodes c (s,), and the transposes (s, s) of the matrices O
+/// of first and T of second integrals, as in collocation.hpp.
 using Method = std::tuple<Numbers, Numbers, Numbers>;
 
 GivenMatrix matrix(const char* name, const Numbers& values, Index rows, Index columns) {

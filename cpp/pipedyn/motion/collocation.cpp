@@ -15,13 +15,21 @@ void states_at_stages(const Intervals& of, Index m, Eigen::Ref<Matrix> out) {
   const Index s = of.stages(), half = of.half();
   const auto& [nodes, single, twofold] = of.weights;
   const double h = of.durations(m);
-  const auto rates = of.rates.middleRows(m * s, s).transpose();
-  const auto start = of.starts.row(m).transpose();
-  out.topRows(half) = h * h * rates.lazyProduct(twofold.transpose());
-  out.topRows(half) += h * start.tail(half).lazyProduct(nodes.transpose());
-  out.topRows(half).colwise() += start.head(half);
-  out.bottomRows(half) = h * rates.lazyProduct(single.transpose());
-  out.bottomRows(half).colwise() += start.tail(half);
+  const double *const start = of.starts.data() + m * 2 * half, *const speed = start + half;
+  const Index step = out.outerStride();
+  Matrix rates = h * of.rates.middleRows(m * s, s).transpose();
+  for (Index c = 0; c < half; ++c) {
+    for (Index i = 0; i < s; ++i) {
+      out(c, i) = start[c] + h * nodes(i) * speed[c];
+      out(half + c, i) = speed[c];
+    }
+  }
+  const auto add = [&](const GivenMatrix& integrals, double* to) {
+    motion_kernel().multiply(rates.data(), s, integrals.data(), s, half, s, s, true, to, step);
+  };
+  add(single, out.data() + half * step);
+  rates *= h;
+  add(twofold, out.data());
 }
 
 // -------------------------------------------------------------------------- relation of both ends
@@ -155,6 +163,7 @@ LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Forces& forces, doub
           .twofold = of.weights.twofold.data(),
           .start = of.starts.data() + m * n,
           .next = of.starts.data() + (closes ? 0 : m + 1) * n,
+          .states = states.data(),
           .next_sign = closes ? of.mirror_sign : 1.0,
           .rates = of.rates.data() + m * each_,
           .linearised = linearised.data(),

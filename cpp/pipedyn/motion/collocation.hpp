@@ -19,8 +19,8 @@ namespace pipedyn {
 
 using GivenMatrix = Eigen::Map<const Matrix>;
 
-/// A collocation method with its nodes c (stages, 1), and its matrices O of first and T of second
-/// integrals (stages, stages); see interval_stages.hpp.
+/// A collocation method with its nodes c (stages, 1), and the transposes (stages, stages) of its
+/// matrices O of first and T of second integrals; see interval_stages.hpp.
 struct Weights {
   GivenMatrix nodes, single, twofold;
 };

@@ -78,7 +78,7 @@ SLOPES = np.linalg.inv(ONCE)
 TWICE: Array = ONCE @ ONCE
 """Matrix from stage values to double integrals from 0 to each stage, shape (s, s)."""
 
-METHOD = STAGE_NODES, ONCE, TWICE
+METHOD = STAGE_NODES, ONCE.T.copy(), TWICE.T.copy()
 """Nodes and weights of the method, in the form that the core takes."""
 
 BETWEEN: Array = 0.5 * (np.append(0.0, STAGE_NODES[:-1]) + STAGE_NODES)
