@@ -88,8 +88,8 @@ LinearisedOrbit linearised_orbit(const py::object& model, const Numbers& duratio
   }
   with_compiled(model, [&]<class Model>(const Model& compiled) {
     if (compiled.dof() != half) throw py::value_error("rates must be those of the model");
-    forces.linearise = [&compiled](const Batch& batch, double* out) {
-      compiled.linearise(batch, out);
+    forces.linearise = [&compiled, of_states](const Batch& batch, double* out) {
+      of_states ? compiled.jacobian(batch, out) : compiled.linearise(batch, out);
     };
   });
   std::optional<LinearisedOrbit> made;

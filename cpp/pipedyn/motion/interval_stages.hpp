@@ -22,11 +22,13 @@ namespace {
 /// The equations of one interval's stages, in the thread's scratch.
 struct StageEquations {
   const pipedyn::CollocationInterval& of;
-  Count s, half, n, size, right, columns, packed, step;  // of b; padded; of weights, of the matrix
+  Count s, half, n, size, lead;        // rows before the derivatives by the state
+  Count right, columns, packed, step;  // of b; padded; of weights, of the matrix
   double *matrix, *by_place, *by_speed, *moved, *ends;
 
   StageEquations(const pipedyn::CollocationInterval& interval, Layout& layout)
       : of(interval), s(of.stages), half(of.half), n(2 * half), size(s * half) {
+    lead = of.loads > 0 ? 2 : 0;
     right = n + of.loads;
     columns = whole_packs(right);
     packed = whole_packs(s);
@@ -56,14 +58,13 @@ struct StageEquations {
       }
     }
     for (Count i = 0; i < s; ++i) {
-      const double* const rows = of.linearised + i * (2 + n) * n;
+      const double* const rows = of.linearised + i * (lead + n) * n;
       for (Count c = 0; c < half; ++c) set_row(rows, i, c);
     }
   }
-  /// Sets the equation of coordinate c at stage i. rows: the rates of its state, their derivative
-  /// by the speed and those by the state (2 + n, n).
+  /// Sets the equation of coordinate c at stage i. rows: those of the stage in `linearised`.
   void set_row(const double* rows, Count i, Count c) const {
-    const double *const slopes = rows + (2 + half + c) * n, *const speeds = slopes + half;
+    const double *const slopes = rows + (lead + half + c) * n, *const speeds = slopes + half;
     double *const own = matrix + (c * s + i) * step, *const b = own + size;
     for (Count j = 0; j < half; ++j) {  // what a pack writes beyond its stages is written anew
       for (Count k = 0; k < packed; k += width) {
