@@ -19,8 +19,8 @@ using namespace py::literals;
 
 namespace {
 
-/// The collocation method with s stages: nodes c (s,), and the matrices O (s, s) of first and T
-/// (s, s) of second integrals, as in collocation.hpp.
+/// The collocation method with s stages: nodes c (s,), and the transposes (s, s) of the matrices O
+/// of first and T of second integrals, as in collocation.hpp.
 using Method = std::tuple<Numbers, Numbers, Numbers>;
 
 GivenMatrix matrix(const char* name, const Numbers& values, Index rows, Index columns) {
@@ -88,8 +88,8 @@ LinearisedOrbit linearised_orbit(const py::object& model, const Numbers& duratio
   }
   with_compiled(model, [&]<class Model>(const Model& compiled) {
     if (compiled.dof() != half) throw py::value_error("rates must be those of the model");
-    forces.linearise = [&compiled](const Batch& batch, double* out) {
-      compiled.linearise(batch, out);
+    forces.linearise = [&compiled, of_states](const Batch& batch, double* out) {
+      of_states ? compiled.jacobian(batch, out) : compiled.linearise(batch, out);
     };
   });
   std::optional<LinearisedOrbit> made;

@@ -130,12 +130,13 @@ struct OrbitPolynomials {
 struct CollocationInterval {
   std::ptrdiff_t half, stages;
   const double* nodes;             // c (stages,)
-  const double *single, *twofold;  // O and T (stages, stages)
+  const double *single, *twofold;  // transposes of O and T (stages, stages)
   const double *start, *next;      // states where it and the next interval begin (n,)
+  const double* states;            // at the stages (n, stages)
   double next_sign;                // of the state at its end, relative to the next one
   const double* rates;             // accelerations at the stages (stages, half)
-  // For each stage the rates of its state from the forces, then derivatives of these rates by the
-  // speed and by the state (stages, 2 + n, n).
+  // For each stage, if there are loads, the rates of its state from the forces and their
+  // derivatives by the speed, and then those by the state (stages, 2 + n or n, n).
   const double* linearised;
   // Derivatives of the accelerations by the frequency, (stages,) for each coordinate so many
   // numbers apart as `frequency_step`; null if they are 0.

@@ -15,13 +15,21 @@ void states_at_stages(const Intervals& of, Index m, Eigen::Ref<Matrix> out) {
   const Index s = of.stages(), half = of.half();
   const auto& [nodes, single, twofold] = of.weights;
   const double h = of.durations(m);
-  const auto rates = of.rates.middleRows(m * s, s).transpose();
-  const auto start = of.starts.row(m).transpose();
-  out.topRows(half) = h * h * rates.lazyProduct(twofold.transpose());
-  out.topRows(half) += h * start.tail(half).lazyProduct(nodes.transpose());
-  out.topRows(half).colwise() += start.head(half);
-  out.bottomRows(half) = h * rates.lazyProduct(single.transpose());
-  out.bottomRows(half).colwise() += start.tail(half);
+  const double *const start = of.starts.data() + m * 2 * half, *const speed = start + half;
+  const Index step = out.outerStride();
+  Matrix rates = h * of.rates.middleRows(m * s, s).transpose();
+  for (Index c = 0; c < half; ++c) {
+    for (Index i = 0; i < s; ++i) {
+      out(c, i) = start[c] + h * nodes(i) * speed[c];
+      out(half + c, i) = speed[c];
+    }
+  }
+  const auto add = [&](const GivenMatrix& integrals, double* to) {
+    motion_kernel().multiply(rates.data(), s, integrals.data(), s, half, s, s, true, to, step);
+  };
+  add(single, out.data() + half * step);
+  rates *= h;
+  add(twofold, out.data());
 }
 
 // -------------------------------------------------------------------------- relation of both ends
@@ -108,15 +116,16 @@ Matrix SpanRelation::states(const Matrix& ends, const Matrix& loads) const {
     more.bottomRows(left) = at.bottomRows(left);
     at = std::move(more);
   }
-  Matrix found(count * n, ends.cols());
+  const Index k = ends.cols();
+  Matrix found(count * n, k), given(n + loads.rows(), k);
+  given.bottomRows(loads.rows()) = loads;
   for (std::size_t run = 0; run < begins_.size(); ++run) {
     const Index begin = begins_[run], next = run + 1 < begins_.size() ? begins_[run + 1] : count;
-    const auto own = at.middleRows(static_cast<Index>(run) * n, n);
-    const Index inside = (next - begin - 1) * n;
-    found.middleRows(begin * n, n) = own;
-    const auto products = products_.middleRows(begin * n, inside);
-    found.middleRows((begin + 1) * n, inside) =
-        products.leftCols(n).lazyProduct(own) + products.rightCols(loads.rows()).lazyProduct(loads);
+    given.topRows(n) = at.middleRows(static_cast<Index>(run) * n, n);
+    found.middleRows(begin * n, n) = given.topRows(n);
+    motion_kernel().multiply(products_.row(begin * n).data(), products_.cols(), given.data(), k,
+                             (next - begin - 1) * n, given.rows(), k, false,
+                             found.data() + (begin + 1) * n * k, k);
   }
   return found;
 }
@@ -127,7 +136,7 @@ LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Forces& forces, doub
     : n_(2 * of.half()), each_(of.stages() * of.half()), mirror_sign_(of.mirror_sign) {
   const MotionKernel& kernel = motion_kernel();
   const Index count = of.count(), s = of.stages(), half = of.half(), n = n_;
-  const Index loads = forces.of_states ? 0 : 3, columns = n + loads;
+  const Index loads = forces.of_states ? 0 : 3, lead = loads > 0 ? 2 : 0, columns = n + loads;
   by_rates.resize(count * each_, columns);
   maps.resize(count * n, columns);
   across_ = Vector::Zero(n + 2);
@@ -136,7 +145,7 @@ LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Forces& forces, doub
   // A unit of work, some 5 ns (util/threads.hpp), is the time of 100 of an interval's products:
   // measured for n = 40, with stages of size 160.
   in_parts(count, each_ * each_ * (each_ + n) / 100, [&](Index begin, Index end) {
-    Matrix states(n, s), drive, linearised(s * (2 + n), n);
+    Matrix states(n, s), drive, linearised(s * (lead + n), n);
     for (Index m = begin; m < end && solved; ++m) {
       states_at_stages(of, m, states);
       const bool varies = forces.speeds.size() > 1, closes = m + 1 == count;
@@ -155,6 +164,7 @@ LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Forces& forces, doub
           .twofold = of.weights.twofold.data(),
           .start = of.starts.data() + m * n,
           .next = of.starts.data() + (closes ? 0 : m + 1) * n,
+          .states = states.data(),
           .next_sign = closes ? of.mirror_sign : 1.0,
           .rates = of.rates.data() + m * each_,
           .linearised = linearised.data(),
@@ -172,9 +182,9 @@ LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Forces& forces, doub
       }
       if (m == 0) {
         unit = std::sqrt(
-            std::max(linearised.block(2 + half, 0, half, half).cwiseAbs().maxCoeff(), 1.0));
+            std::max(linearised.block(lead + half, 0, half, half).cwiseAbs().maxCoeff(), 1.0));
       }
-      if (closes) across_.head(n) = linearised.row((s - 1) * (2 + n)).transpose();
+      if (closes && loads > 0) across_.head(n) = linearised.row((s - 1) * (2 + n)).transpose();
     }
   });
   regular = solved;

@@ -19,8 +19,8 @@ namespace pipedyn {
 
 using GivenMatrix = Eigen::Map<const Matrix>;
 
-/// A collocation method with its nodes c (stages, 1), and its matrices O of first and T of second
-/// integrals (stages, stages); see interval_stages.hpp.
+/// A collocation method with its nodes c (stages, 1), and the transposes (stages, stages) of its
+/// matrices O of first and T of second integrals; see interval_stages.hpp.
 struct Weights {
   GivenMatrix nodes, single, twofold;
 };
@@ -45,7 +45,7 @@ void states_at_stages(const Intervals& of, Index m, Eigen::Ref<Matrix> out);
 /// Forces along an orbit, for the equations linearised about it.
 struct Forces {
   /// Rates of the states of a batch, each followed by their derivatives by the speed and by the
-  /// state (members, 2 + n, n).
+  /// state (members, 2 + n, n), or those by the state alone (members, n, n) if only these count.
   std::function<void(const Batch&, double*)> linearise;
   Vector speeds;  // flow speed at all stages (1,), or at each (count stages,)
   Matrix drive;   // at the stages (Drive::rows or more, count stages); empty if there is none

@@ -22,11 +22,13 @@ namespace {
 /// The equations of one interval's stages, in the thread's scratch.
 struct StageEquations {
   const pipedyn::CollocationInterval& of;
-  Count s, half, n, size, right, columns, packed, step;  // of b; padded; of weights, of the matrix
-  double *matrix, *by_place, *by_speed, *single, *twofold, *ends;
+  Count s, half, n, size, lead;        // rows before the derivatives by the state
+  Count right, columns, packed, step;  // of b; padded; of weights, of the matrix
+  double *matrix, *by_place, *by_speed, *moved, *ends;
 
   StageEquations(const pipedyn::CollocationInterval& interval, Layout& layout)
       : of(interval), s(of.stages), half(of.half), n(2 * half), size(s * half) {
+    lead = of.loads > 0 ? 2 : 0;
     right = n + of.loads;
     columns = whole_packs(right);
     packed = whole_packs(s);
@@ -34,40 +36,35 @@ struct StageEquations {
     matrix = layout.take((size + 1) * step);
     by_place = layout.take(s * packed);
     by_speed = layout.take(s * packed);
-    single = layout.take(size);
-    twofold = layout.take(size);
+    moved = layout.take(s * n);
     ends = layout.take(2 * columns);
   }
 
   double* known(Count c, Count i) const { return matrix + (c * s + i) * step + size; }
-  /// Change of coordinate c at stage i with the frequency, and of its velocity.
-  double place_by_frequency(Count c, Count i) const {
-    const double drift = of.duration * of.nodes[i] * of.start[half + c];
-    return -(drift + 2.0 * twofold[i * half + c]) / of.frequency;
-  }
-  double speed_by_frequency(Count c, Count i) const { return -single[i * half + c] / of.frequency; }
 
   void set() const {
     const double h = of.duration;
-    const Rows rates{const_cast<double*>(of.rates), half};
-    multiply<false>({const_cast<double*>(of.single), s}, rates, s, s, half, h, {single, half});
-    multiply<false>({const_cast<double*>(of.twofold), s}, rates, s, s, half, h * h,
-                    {twofold, half});
     for (Count i = 0; i < s; ++i) {
       for (Count k = 0; k < packed; ++k) {
-        by_place[i * packed + k] = k < s ? -h * h * of.twofold[i * s + k] : 0.0;
-        by_speed[i * packed + k] = k < s ? -h * of.single[i * s + k] : 0.0;
+        by_place[i * packed + k] = k < s ? -h * h * of.twofold[k * s + i] : 0.0;
+        by_speed[i * packed + k] = k < s ? -h * of.single[k * s + i] : 0.0;
+      }
+      // Changes of the state at the stage with the frequency.
+      for (Count c = 0; c < half; ++c) {
+        const double *const place = of.states + c * s, *const speed = place + size;
+        const double drift = h * of.nodes[i] * of.start[half + c];
+        moved[i * n + c] = (drift - 2.0 * (place[i] - of.start[c])) / of.frequency;
+        moved[i * n + half + c] = (of.start[half + c] - speed[i]) / of.frequency;
       }
     }
     for (Count i = 0; i < s; ++i) {
-      const double* const rows = of.linearised + i * (2 + n) * n;
+      const double* const rows = of.linearised + i * (lead + n) * n;
       for (Count c = 0; c < half; ++c) set_row(rows, i, c);
     }
   }
-  /// Sets the equation of coordinate c at stage i. rows: the rates of its state, their derivative
-  /// by the speed and those by the state (2 + n, n).
+  /// Sets the equation of coordinate c at stage i. rows: those of the stage in `linearised`.
   void set_row(const double* rows, Count i, Count c) const {
-    const double *const slopes = rows + (2 + half + c) * n, *const speeds = slopes + half;
+    const double *const slopes = rows + (lead + half + c) * n, *const speeds = slopes + half;
     double *const own = matrix + (c * s + i) * step, *const b = own + size;
     for (Count j = 0; j < half; ++j) {  // what a pack writes beyond its stages is written anew
       for (Count k = 0; k < packed; k += width) {
@@ -85,9 +82,7 @@ struct StageEquations {
     if (of.loads == 0) return;
     b[n] = rows[half + c] - of.rates[i * half + c];
     double sum = of.by_frequency == nullptr ? 0.0 : of.by_frequency[c * of.frequency_step + i];
-    for (Count j = 0; j < half; ++j) {
-      sum += slopes[j] * place_by_frequency(j, i) + speeds[j] * speed_by_frequency(j, i);
-    }
+    for (Count j = 0; j < n; ++j) sum += slopes[j] * moved[i * n + j];
     b[n + 1] = sum;
     if (of.speed_varies) b[n + 2] = rows[n + half + c];
   }
@@ -113,12 +108,10 @@ struct StageEquations {
       place[half + c] += of.duration;
       speed[half + c] += 1.0;
       if (of.loads > 0) {
-        const Count at = (s - 1) * half + c;
-        place[n] += of.start[c] + of.duration * of.start[half + c] + twofold[at];
-        place[n] -= of.next_sign * of.next[c];
-        speed[n] += of.start[half + c] + single[at] - of.next_sign * of.next[half + c];
-        place[n + 1] += place_by_frequency(c, s - 1);
-        speed[n + 1] += speed_by_frequency(c, s - 1);
+        place[n] += of.states[c * s + s - 1] - of.next_sign * of.next[c];
+        speed[n] += of.states[(half + c) * s + s - 1] - of.next_sign * of.next[half + c];
+        place[n + 1] += moved[(s - 1) * n + c];
+        speed[n + 1] += moved[(s - 1) * n + half + c];
       }
     }
   }

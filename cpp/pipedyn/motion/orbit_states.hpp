@@ -19,7 +19,7 @@ void orbit_states(const pipedyn::OrbitPolynomials& of, const double* phases, Cou
   };
   const auto [legendre, less, once, twice, state] = laid_out([&](Layout& layout) {
     return Arrays{layout.take((s + 2) * width), layout.take(s + 2), layout.take(s * width),
-                  layout.take(s * width), layout.take(n)};
+                  layout.take(s * width), layout.take(2 * width)};
   });
   // L(j) = x L(j - 1) + less(j) (x L(j - 1) - L(j - 2)), without a division in the recursion.
   for (Count j = 1; j < s + 2; ++j) less[j] = 1.0 - 1.0 / static_cast<double>(j);
@@ -32,15 +32,15 @@ void orbit_states(const pipedyn::OrbitPolynomials& of, const double* phases, Cou
       const double at = phases[first + lane < points ? first + lane : points - 1];
       const double turns = std::floor(at / span), inside = at - turns * span;
       if (inside < of.edges[last]) last = 0;
-      for (Count jump = (of.count - last) / 2; jump > 0; jump /= 2) {
+      Count jump = inside < of.edges[last + 1] ? 0 : (of.count - last + 1) / 2;
+      for (; jump > 0; jump /= 2) {
         while (last + jump < of.count && of.edges[last + jump] <= inside) last += jump;
       }
-      while (last + 1 < of.count && of.edges[last + 1] <= inside) ++last;
       own[lane] = last;
       const double size = of.edges[last + 1] - of.edges[last];
       durations[lane] = size / of.frequency;
       shares[lane] = (inside - of.edges[last]) / size;
-      signs[lane] = std::fmod(turns, 2.0) != 0.0 ? of.mirror_sign : 1.0;
+      signs[lane] = 2.0 * std::floor(0.5 * turns) != turns ? of.mirror_sign : 1.0;
     }
     const Pack h = load<Pack>(durations), x = 2.0 * load<Pack>(shares) - 1.0;
     store(legendre, all<Pack>(1.0));
@@ -60,22 +60,25 @@ void orbit_states(const pipedyn::OrbitPolynomials& of, const double* phases, Cou
       store(once + k * width, Pack(h * single));
       store(twice + k * width, Pack(h * h * twofold));
     }
-    for (Count lane = 0; lane < width && first + lane < points; ++lane) {
+    const Count there = points - first < width ? points - first : width;
+    for (Count lane = 0, end = 0; lane < there; lane = end) {  // lanes in one interval
+      while (end < there && own[end] == own[lane]) ++end;
       const double* const start = of.starts + own[lane] * n;
       const double* const rates = of.rates + own[lane] * s * half;
-      const double since = durations[lane] * shares[lane];
       for (Count c = 0; c < half; ++c) {
-        state[c] = start[c] + since * start[half + c];
-        state[half + c] = start[half + c];
-      }
-      for (Count k = 0; k < s; ++k) {
-        const double position = twice[k * width + lane], speed = once[k * width + lane];
-        for (Count c = 0; c < half; ++c) {
-          state[c] += position * rates[k * half + c];
-          state[half + c] += speed * rates[k * half + c];
+        Pack position = start[c] + h * load<Pack>(shares) * start[half + c];
+        Pack speed = all<Pack>(start[half + c]);
+        for (Count k = 0; k < s; ++k) {
+          position += rates[k * half + c] * load<Pack>(twice + k * width);
+          speed += rates[k * half + c] * load<Pack>(once + k * width);
+        }
+        store(state, Pack(load<Pack>(signs) * position));
+        store(state + width, Pack(load<Pack>(signs) * speed));
+        for (Count k = lane; k < end; ++k) {
+          out[c * points + first + k] = state[k];
+          out[(half + c) * points + first + k] = state[width + k];
         }
       }
-      for (Count c = 0; c < n; ++c) out[c * points + first + lane] = signs[lane] * state[c];
     }
   }
 }

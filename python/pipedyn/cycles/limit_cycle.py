@@ -580,6 +580,8 @@ def amplitude_across(motion: VectorField, orbit: PeriodicOrbit) -> float:
 
 def tip_direction(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Direction across the pipe in which the free end moves farthest, a unit vector."""
+    if motion.model.dimensions == 2:
+        return np.array([1.0, 0.0])
     return motion.end_across(orbit.states(PROBES))[0]
 
 

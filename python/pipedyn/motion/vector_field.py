@@ -99,7 +99,7 @@ class VectorField:
         """
         self._count(2 * states)
         speeds, drive = self._driven(u)
-        return np.atleast_1d(np.asarray(speeds, dtype=np.float64)), drive
+        return np.array(speeds, dtype=np.float64, ndmin=1), drive
 
     def jacobian_by_speed(self, y: Array, u: float, moved: Array) -> Array:
         """Derivative by u of df/dy along states with dy/du = moved, at u > 0.

@@ -78,7 +78,7 @@ SLOPES = np.linalg.inv(ONCE)
 TWICE: Array = ONCE @ ONCE
 """Matrix from stage values to double integrals from 0 to each stage, shape (s, s)."""
 
-METHOD = STAGE_NODES, ONCE, TWICE
+METHOD = STAGE_NODES, ONCE.T.copy(), TWICE.T.copy()
 """Nodes and weights of the method, in the form that the core takes."""
 
 BETWEEN: Array = 0.5 * (np.append(0.0, STAGE_NODES[:-1]) + STAGE_NODES)
@@ -285,15 +285,17 @@ def _on_intervals(
 
     They have the shapes (M, 2 integrated) and (M, s, integrated).
     """
-    phases = (begins[:, None] + lengths[:, None] * STAGE_NODES).ravel()
-    shape = begins.size, ORBIT_STAGES, motion.half
-    starts, at = states(begins).T.copy(), states(phases)
+    phases = begins[:, None] + lengths[:, None] * np.append(0.0, STAGE_NODES)
+    at = states(phases.ravel()).reshape(motion.size, *phases.shape)
+    starts, stages, half = at[:, :, 0], at[:, :, 1:], motion.half
     if motion.model.pipe.has_kinks and not from_samples:
-        rates = motion.along(phases, frequency)(at, u)[motion.half :].T.reshape(shape)
+        along = motion.along(phases[:, 1:].ravel(), frequency)
+        rates = along(stages.reshape(motion.size, -1), u)[half:].reshape(half, -1, ORBIT_STAGES)
     else:
-        speeds = at[motion.half :].T.reshape(shape) - starts[:, None, motion.half :]
-        rates = SLOPES @ speeds / (lengths[:, None, None] / frequency)
-    return starts, np.ascontiguousarray(rates)
+        speeds = (stages[half:] - starts[half:, :, None]).reshape(-1, ORBIT_STAGES)
+        rates = (speeds @ SLOPES.T).reshape(half, -1, ORBIT_STAGES)
+        rates /= lengths[:, None] / frequency
+    return starts.T.copy(), np.ascontiguousarray(rates.transpose(1, 2, 0))
 
 
 def resolved_orbit(
