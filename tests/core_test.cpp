@@ -822,8 +822,8 @@ pipedyn::Lapack broken_lapack() {
             if (!solves) columns(b, *n, *count) *= std::nan("");
           },
       .dgeev =
-          [](char* left, char*, int* n, double* a, int*, double* real, double* imag, double* lefts,
-             int*, double* vectors, int*, double* work, int* length, int*) {
+          [](char* left, char* right, int* n, double* a, int*, double* real, double* imag,
+             double* lefts, int*, double* vectors, int*, double* work, int* length, int*) {
             const Uncounted uncounted;
             if (*length < 0) {
               work[0] = 4.0 * *n;
@@ -834,7 +834,7 @@ pipedyn::Lapack broken_lapack() {
             columns(real, *n, 1) = off * found.eigenvalues().real();
             columns(imag, *n, 1) = off * found.eigenvalues().imag();
             const Eigen::MatrixXd all = found.pseudoEigenvectors();
-            columns(vectors, *n, *n) = all;
+            if (*right == 'V') columns(vectors, *n, *n) = all;
             if (*left != 'V') return;
             columns(lefts, *n, *n) =
                 solved<Eigen::MatrixXd>(all.transpose(), Eigen::MatrixXd::Identity(*n, *n));
@@ -1022,6 +1022,36 @@ void check_memory() {
   }
 }
 
+/// Where two roots meet on the axis, one sample after another is taken to find the speed, in the
+/// same memory.
+void check_memory_of_search() {
+  scene = "memory, two roots that meet";
+  Dice dice;
+  const Chain chain(Pipe{.beta = 0.0, .gamma = 10.0}, dice.segments(8));
+  const pipedyn::Traits traits{
+      .dof = 8,
+      .delta = 0.0,
+      .zero = 1e-6,
+      .damped = false,
+      .conservative = false,
+      .squared = true,
+      .free_at_rest = true,
+  };
+  pipedyn::Eigenproblem problem(traits, determinant_of(chain)->matrices(1.0));
+  std::vector<Index> taken;
+  taken.reserve(1000);
+  const auto found = pipedyn::crossings(problem, {8.0, 1.0, 16, 8, 8, 8, true},
+                                        [&] { taken.push_back(allocations); });
+  check(found.crossings.size() == 1 && found.crossings[0].change == 2,
+        "two roots meet and flutter");
+  Index longest = 0, run = 0;
+  for (std::size_t i = 1; i < taken.size(); ++i) {
+    run = taken[i] == taken[i - 1] ? run + 1 : 0;
+    longest = std::max(longest, run);
+  }
+  check(longest > 5, "samples in a row without new memory are " + std::to_string(longest));
+}
+
 void check_crossings() {
   Dice dice;
   Index saved = 0, all = 0;
@@ -1154,6 +1184,7 @@ int main() {
   check_assignment();
   check_completeness();
   check_memory();
+  check_memory_of_search();
   check_crossings();
   check_mending();
   check_threads();
