@@ -329,10 +329,10 @@ def simulate(
             which dense output needs as well.
         dense: whether to keep the states at any time, as `motion.dense(t)`. They take 16 or more
             numbers for each step and coordinate.
-        most: largest number of right-hand sides, >= 1; each takes 1 to 3 us up to 60 segments.
-            Explicit methods need at least 1.5 in the time 1 / |lambda| of the fastest mode; a
-            motion that would therefore exceed `most` is stopped after 400. A motion by "radau" is
-            stopped after 20,000 if with its present step size it would take a hundred times `most`.
+        most: largest number of right-hand sides, >= 1. Explicit methods need at least 1.5 in the
+            time 1 / |lambda| of the fastest mode; a motion that would therefore exceed `most` is
+            stopped after 400. A motion by "radau" is stopped after 20,000 if with its present step
+            size it would take a hundred times `most`.
         callback: function called with the t, q and qdot that the motion has reached, first after
             some hundred right-hand sides, then every 0.05 s or later; if it returns True, the
             motion ends there.
