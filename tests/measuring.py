@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 import pipedyn as pp
+from pipedyn import _core
 
 Answer = TypeVar("Answer")
 
@@ -56,13 +57,16 @@ def check(error: float, limit: float, what: str) -> None:
 
 
 def processor() -> str:
-    """Its name; on Linux the kernel's."""
+    """Its name; on Linux the kernel's, with the numbers of its family and model."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.processor() or "unknown processor")
+    told = {name.strip(): value.strip() for name, _, value in (x.partition(":") for x in lines)}
+    if "cpu family" in told:
+        numbers = f"family {told['cpu family']}, model {told['model']}"
+        return f"{told['model name']} ({numbers})"
+    return platform.processor() or "unknown processor"
 
 
 def machine() -> str:
@@ -73,7 +77,8 @@ def machine() -> str:
         commit = "unknown"
     return (
         f"pipedyn {pp.__version__} (commit {commit}), Python {platform.python_version()}, "
-        f"numpy {np.__version__}, {platform.system()} {platform.machine()}, {processor()}"
+        f"numpy {np.__version__}, {platform.system()} {platform.machine()}, {processor()}, "
+        f"{_core.vector_level()}"
     )
 
 

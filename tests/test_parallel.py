@@ -223,6 +223,12 @@ LONG = {
         partial(diagram, brute_force=2),
         ["equilibria", "cycles followed from the onset at u = 3.59271", "brute force"],
     ),
+    "parametric_regions": (
+        partial(
+            pp.parametric_regions, pp.Galerkin(pp.Pipe(0.2, 10.0), 4), 5.0, [0.1, 0.3], (28.0, 33.0)
+        ),
+        ["subharmonic regions", "harmonic regions", "combination regions"],
+    ),
     "forced_response": (
         partial(
             *(pp.forced_response, pp.Chain(pp.Pipe(0.2, damping=0.01), 2), 1.0),
@@ -244,14 +250,30 @@ def test_shares_grow_to_the_end_of_everything_that_takes_long(name, terminal, mo
     assert terminal.readouterr().err == ""
     monkeypatch.setattr(module, "LEAST_PAUSE", 0.0)
     call(progress=True)
-    told = {}
-    for line in terminal.readouterr().err.split("\n"):
+    told, written = {}, terminal.readouterr().err
+    assert re.search(r" %, [^\r]*about \d+:\d\d left", written)
+    for line in written.split("\n"):
         shares = [int(share) for share in re.findall(r"\r[^\r]*: (\d+) %", line)]
         assert shares == sorted(shares), line
         assert shares[-1:] == ([100] if line.startswith("\r") else []), line
         told.setdefault(line[1:].split(": ")[0], []).append(len(shares))
     assert not [label for label in labels if label not in told], told
     assert max(map(max, told.values())) > 2
+
+
+def test_the_share_of_motions_grows_with_each_batch_and_not_only_when_all_have_gone_on(
+    terminal, monkeypatch
+):
+    """Of a reduced model each motion is a batch; most of these reach rest at the first go."""
+    model = pp.Galerkin(pp.Pipe(0.2, damping=0.01), 4, "legendre")
+    monkeypatch.setattr(module, "LEAST_PAUSE", 0.0)
+    found = pp.attractors(model, 3.0, 20, transient=40.0, duration=10.0, progress=True)
+    assert found.basins[0].share.count == 20
+    written = terminal.readouterr().err
+    first, *others = (int(share) for share in re.findall(r": (\d+) %", written.split("\n")[-2]))
+    assert first <= 10
+    assert len(others) >= 15
+    assert all(" left" in line for line in written.split("\n")[-2].split("\r")[2:-1])
 
 
 # --------------------------------------------------------------------- executors that do not answer

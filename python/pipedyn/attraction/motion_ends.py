@@ -358,15 +358,22 @@ class _Engine:
         ]
         # Each thread takes a batch; in larger batches a member of a chain's batch costs less.
         members = BATCH if self.model.linear_cost else BATCH // 2
-        found = in_batches(tasks, approach_outcomes, members=members)
-        for run, task, (outcome, approach) in zip(runs, tasks, found, strict=True):
-            run.approach = approach
-            if outcome[2] is not None:
-                run.case.ends[run.start] = STOPPED, self.error(run, task, outcome)
-            elif approach.reached:
-                run.end(run.case.attracting[approach.region])
+        done = 0
+
+        def note(some: list[int], answers: list[tuple[Outcome, Approach]]) -> None:
+            nonlocal done
+            for i, (outcome, approach) in zip(some, answers, strict=True):
+                run = runs[i]
+                run.approach = approach
+                if outcome[2] is not None:
+                    run.case.ends[run.start] = STOPPED, self.error(run, tasks[i], outcome)
+                elif approach.reached:
+                    run.end(run.case.attracting[approach.region])
+            done += len(some)
+            self.looked(self.elapsed + (before + length) * done / len(tasks))
+
+        found = in_batches(tasks, approach_outcomes, members, note)
         self.elapsed += before + length
-        self.looked(self.elapsed)
         going = [i for i, run in enumerate(runs) if not run.ended]
         if not going:
             return []

@@ -329,10 +329,10 @@ def simulate(
             which dense output needs as well.
         dense: whether to keep the states at any time, as `motion.dense(t)`. They take 16 or more
             numbers for each step and coordinate.
-        most: largest number of right-hand sides, >= 1; each takes 1 to 3 us up to 60 segments.
-            Explicit methods need at least 1.5 in the time 1 / |lambda| of the fastest mode; a
-            motion that would therefore exceed `most` is stopped after 400. A motion by "radau" is
-            stopped after 20,000 if with its present step size it would take a hundred times `most`.
+        most: largest number of right-hand sides, >= 1. Explicit methods need at least 1.5 in the
+            time 1 / |lambda| of the fastest mode; a motion that would therefore exceed `most` is
+            stopped after 400. A motion by "radau" is stopped after 20,000 if with its present step
+            size it would take a hundred times `most`.
         callback: function called with the t, q and qdot that the motion has reached, first after
             some hundred right-hand sides, then every 0.05 s or later; if it returns True, the
             motion ends there.
@@ -543,10 +543,11 @@ def in_batches(
     tasks: Sequence[OneTask],
     work: Callable[[Sequence[OneTask], bool, Observer], list[Returned]],
     members: int = BATCH,
+    note: Callable[[list[int], list[Returned]], None] = lambda *_: None,
 ) -> list[Returned]:
     """Answers of `outcomes_in_batches`; raises the first exception among them, if any."""
     found = list[Returned]()
-    for answer in outcomes_in_batches(tasks, work, members=members):
+    for answer in outcomes_in_batches(tasks, work, members=members, note=note):
         if isinstance(answer, Exception):
             raise answer
         found.append(answer)
@@ -559,11 +560,13 @@ def outcomes_in_batches(
     executor: futures.Executor | None = None,
     shown: bool = False,
     members: int = BATCH,
+    note: Callable[[list[int], list[Returned]], None] = lambda *_: None,
 ) -> list[Returned | Exception]:
     """The answer of `work` for each task, in batches of one model, on threads if they are faster.
 
     If a batch fails or the executor returns nothing for it, all its tasks have the exception as
     their answer. `members` is the size of a batch if the method advances several tasks at once.
+    `note` is given the indices of the tasks of each batch and their answers as soon as it has them.
     """
     members_of: dict[tuple[object, ...], list[int]] = {}  # by model, forcing and method
     for i, task in enumerate(tasks):
@@ -592,6 +595,7 @@ def outcomes_in_batches(
                     found |= dict.fromkeys(block, answer)
                 else:
                     found |= zip(block, answer, strict=True)
+                    note(block, answer)
         except BaseException:
             observer.end = -math.inf  # stops the threads of the pool
             if own and pool is not None:
