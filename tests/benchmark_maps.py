@@ -47,11 +47,11 @@ def most_memory(process: int | str = "self") -> float:
     return int(status.partition("VmHWM:")[2].split()[0]) / 1024
 
 
-def spent(call: Callable[[], Any], of_others: Callable[[], float]) -> tuple[Any, float, float]:
-    """What a call returns, its time, and the processor time of this process and of others."""
-    wall, own = time.perf_counter(), time.process_time() + of_others()
+def spent(call: Callable[[], Any]) -> tuple[Any, float, float]:
+    """What a call returns, its time and the processor time of this process."""
+    wall, own = time.perf_counter(), time.process_time()
     made = call()
-    return made, time.perf_counter() - wall, time.process_time() + of_others() - own
+    return made, time.perf_counter() - wall, time.process_time() - own
 
 
 def report(name: str, pipes: int, wall: float, own: float, memory: str) -> None:
@@ -63,7 +63,7 @@ def alone_and_together(wanted: int) -> None:
     given = numbers(wanted)
     pp.critical_speeds(CHAIN, {name: values.ravel()[:100] for name, values in given.items()})
     before = most_memory()
-    alone, wall, own = spent(lambda: pp.critical_speeds(CHAIN, given), lambda: 0.0)
+    alone, wall, own = spent(lambda: pp.critical_speeds(CHAIN, given))
     pipes = alone.speeds.size
     grown = most_memory() - before
     report("one process, its threads", pipes, wall, own, f"{1e3 * grown / pipes:.2f} kB a pipe")
@@ -77,16 +77,13 @@ def alone_and_together(wanted: int) -> None:
         Client(cluster) as client,
     ):
         client.run(lambda: __import__("pipedyn").critical_speeds(CHAIN, {"beta": 0.2}))
-        together, wall, whole = spent(
-            lambda: pp.critical_speeds(CHAIN, given, executor=client),
-            lambda: sum(client.run(time.process_time).values()),
-        )
-        report(f"cluster, {WORKERS} processes", pipes, wall, whole, "")
-        _, empty, _ = spent(
-            lambda: client.gather(client.map(abs, range(EMPTY), pure=False)), lambda: 0.0
-        )
-    print(f"  the cluster takes {whole / own - 1.0:+.1%} of processor time; an empty task takes it")
-    print(f"  {1e3 * empty / EMPTY:.2f} ms")
+        before = sum(client.run(time.process_time).values())
+        together, wall, client_s = spent(lambda: pp.critical_speeds(CHAIN, given, executor=client))
+        workers = sum(client.run(time.process_time).values()) - before
+        said = f"{1e3 * client_s / pipes:.3f} ms of it the client and scheduler"
+        report(f"cluster, {WORKERS} processes", pipes, wall, client_s + workers, said)
+        _, empty, _ = spent(lambda: client.gather(client.map(abs, range(EMPTY), pure=False)))
+    print(f"  {1e3 * empty / EMPTY:.2f} ms for each of {EMPTY} empty tasks of the cluster")
     check(float(np.nanmax(np.abs(together.speeds - alone.speeds))), 0.0, "answers of the cluster")
     check(float(np.nanmax(alone.errors)), 1e-6, "errors of the speeds")
     check(float(len(alone.failures)), 0.0, "failures")
@@ -120,7 +117,7 @@ def main() -> int:
     wanted = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
     print(machine())
     print("critical speeds of chains of 10 segments, beta 0.01 to 0.95, gamma 0 to 50")
-    print("  route                          pipes ms a pipe, of processor  memory")
+    print("  route                          pipes ms a pipe, of processor  other")
     alone_and_together(wanted)
     root = os.pathsep.join([str(Path(pp.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     os.environ["PYTHONPATH"] = root  # of the new processes

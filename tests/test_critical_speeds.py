@@ -190,28 +190,41 @@ def test_an_interrupt_ends_the_searches_of_all_threads():
 
 
 class KillsOne:
-    """A cluster's client whose second task kills each worker that it is given to."""
+    """A cluster's client whose second task kills each worker that it is given to, or the first.
 
-    def __init__(self, client):
-        self.client, self.jobs = client, 0
+    `once` is the path of a file that the first worker leaves behind, None if all are killed.
+    """
+
+    def __init__(self, client, once):
+        self.client, self.once, self.jobs = client, once, 0
 
     def submit(self, job):
         self.jobs += 1
-        return self.client.submit(killed if self.jobs == 2 else job, pure=False)
+        if self.jobs == 2:
+            return self.client.submit(killed, job, self.once, pure=False)
+        return self.client.submit(job, pure=False)
 
 
-def killed():
-    os.kill(os.getpid(), signal.SIGKILL)
-    time.sleep(10.0)
+def killed(job, once):
+    if once is None or not once.exists():
+        if once is not None:
+            once.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(10.0)
+    return job()
 
 
 @pytest.mark.slow
-def test_a_chunk_that_kills_its_workers_costs_its_pipes_and_no_more():
-    """The cluster gives it to another worker three times, as it does what its workers held."""
+@pytest.mark.parametrize("lost", [[], [5, 6, 7, 8, 9]], ids=["one worker dies", "each dies"])
+def test_a_worker_that_is_killed_costs_nothing_and_a_chunk_that_kills_each_its_pipes(
+    lost, tmp_path
+):
+    """The cluster gives a chunk to another worker three times, as it does what its workers held."""
     from distributed import Client, LocalCluster  # a second, which other tests need not wait for
 
     numbers = {"beta": np.linspace(0.05, 0.9, 320)}
     alone = pp.critical_speeds(CHAIN, numbers)
+    once = None if lost else tmp_path / "killed"
     with (
         LocalCluster(
             n_workers=2,
@@ -221,12 +234,13 @@ def test_a_chunk_that_kills_its_workers_costs_its_pipes_and_no_more():
         ) as cluster,
         Client(cluster) as client,
     ):
-        found = pp.critical_speeds(CHAIN, numbers, executor=KillsOne(client))
-    assert [failure.index for failure in found.failures] == [5, 6, 7, 8, 9]  # the second chunk
-    assert {type(failure.error).__name__ for failure in found.failures} == {"KilledWorker"}
-    kept = np.setdiff1d(np.arange(320), range(5, 10))
+        found = pp.critical_speeds(CHAIN, numbers, executor=KillsOne(client, once))
+    assert once is None or once.exists()  # a worker was killed
+    assert [failure.index for failure in found.failures] == lost  # the second chunk
+    assert {type(failure.error).__name__ for failure in found.failures} <= {"KilledWorker"}
+    kept = np.setdiff1d(np.arange(320), lost)
     np.testing.assert_array_equal(found.speeds[kept], alone.speeds[kept])
-    assert np.isnan(found.speeds[5:10]).all()
+    assert np.isnan(found.speeds[lost]).all()
 
 
 @pytest.mark.parametrize(
