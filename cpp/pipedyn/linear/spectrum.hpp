@@ -181,11 +181,7 @@ class Spectrum {
     return samples_.emplace_back(std::make_shared<Sample>());
   }
   /// Takes over memory of a spectrum that is not sampled any more.
-  virtual void reuse(Spectrum& other) {
-    samples_.swap(other.samples_);
-    const bool both = without_loss_ != nullptr && other.without_loss_ != nullptr;
-    if (both) without_loss_->reuse(*other.without_loss_);
-  }
+  virtual void reuse(Spectrum& other) { samples_.swap(other.samples_); }
 
   /// y^H A x of a root's vectors, for models whose parts A are known here.
   virtual std::optional<Forms> forms(const Pair&) const { return {}; }
