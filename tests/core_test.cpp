@@ -27,6 +27,7 @@
 #include "pipedyn/linear/neighbours.hpp"
 #include "pipedyn/linear/structured.hpp"
 #include "pipedyn/linear/tracking.hpp"
+#include "pipedyn/linear/truncated.hpp"
 #include "pipedyn/modular/systems.hpp"
 #include "pipedyn/motion/radau_coefficients.hpp"
 #include "pipedyn/terms/laws.hpp"
@@ -934,8 +935,26 @@ void check_completeness() {
 using Determinants = std::function<SharedDeterminant(double number)>;
 using Solver = std::function<std::unique_ptr<pipedyn::Eigenproblem>(const SharedDeterminant&)>;
 
-/// Samples of a search take their memory from those before, and so does the next search, of another
-/// number.
+/// Samples take their memory from those before, after a number of samples. Returns the last one.
+std::shared_ptr<pipedyn::Sample> check_samples(pipedyn::Spectrum& spectrum, Index before) {
+  std::shared_ptr<pipedyn::Sample> left;
+  const Index every = 2 * spectrum.traits.dof;
+  Index first = 0;
+  for (Index i = 0; i < before + 12; ++i) {
+    if (i == before) first = allocations;
+    std::shared_ptr<pipedyn::Sample> right = spectrum.unused_sample();
+    spectrum.sample(2.0 + 0.05 * static_cast<double>(i), every, *right);
+    left.swap(right);
+  }
+  const Index taken = allocations - first;
+  check(taken == 0, "further samples take " + std::to_string(taken) + " new pieces of memory");
+  check(left->size() == every, "samples have every root");
+  return left;
+}
+
+constexpr Index kept_samples = 12;  // a search keeps the roots of eight samples
+
+/// So does the next search, of another number.
 void check_memory_of(const Determinants& determinant, const Solver& solver) {
   std::unique_ptr<pipedyn::Eigenproblem> before;
   for (const double number : {0.0, 0.1, 0.2}) {
@@ -944,23 +963,27 @@ void check_memory_of(const Determinants& determinant, const Solver& solver) {
     if (before != nullptr) spectrum->reuse(*before);
     auto* const recursion = dynamic_cast<pipedyn::Structured*>(spectrum.get());
     if (recursion != nullptr) recursion->assume(2.0, eigenvalues(*of, 2.0));
-    std::shared_ptr<pipedyn::Sample> left;
-    const Index every = 2 * spectrum->traits.dof;
-    const Index warm = before == nullptr ? 12 : 2;  // a search keeps the roots of eight samples
-    Index first = 0;
-    for (Index i = 0; i < warm + 12; ++i) {
-      if (i == warm) first = allocations;
-      std::shared_ptr<pipedyn::Sample> right = spectrum->unused_sample();
-      spectrum->sample(2.0 + 0.05 * static_cast<double>(i), every, *right);
-      left.swap(right);
-    }
-    const Index taken = allocations - first;
-    check(taken == 0, "further samples take " + std::to_string(taken) + " new pieces of memory");
-    const bool right = recursion != nullptr ? left->residual.maxCoeff() < 1e-12  //
-                                            : left->converged().all();
-    check(right && left->size() == every, "samples are right");
+    const auto last = check_samples(*spectrum, before == nullptr ? kept_samples : 2);
+    const bool right =
+        recursion != nullptr ? last->residual.maxCoeff() < 1e-12 : last->converged().all();
+    check(right, "samples are right");
     before = std::move(spectrum);
   }
+}
+
+/// Functions that are compared with more of them.
+void check_memory_of_truncated() {
+  const Pipe pipe{.beta = 0.2, .gamma = 10.0, .damping = 0.02};
+  const auto made = [&](Index size) {
+    const SharedDeterminant of = determinant_of(pipe, size);
+    const pipedyn::Traits traits{size, pipe.damping, 1e-6, true, false, false, false};
+    auto spectrum = std::make_shared<pipedyn::Structured>(traits, of, 1.0);
+    spectrum->assume(2.0, eigenvalues(*of, 2.0));
+    return spectrum;
+  };
+  scene = "memory, functions and more of them";
+  pipedyn::Truncated both(made(10), made(14), 6);
+  check_samples(both, kept_samples);
 }
 
 void check_memory() {
@@ -1184,6 +1207,7 @@ int main() {
   check_assignment();
   check_completeness();
   check_memory();
+  check_memory_of_truncated();
   check_memory_of_search();
   check_crossings();
   check_mending();

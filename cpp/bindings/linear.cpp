@@ -338,7 +338,9 @@ void define_linear(py::module_& m) {
       .def(
           "log_derivatives",
           [](const Structured& of, double u, const Values& at) {
-            return of.log_derivatives(u, at);
+            Values found(at.size());
+            of.log_derivatives(u, at, Values(), found);
+            return found;
           },
           "u"_a, "values"_a);
   py::class_<Truncated, Spectrum, std::shared_ptr<Truncated>>(m, "Truncated")

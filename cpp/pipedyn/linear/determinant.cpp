@@ -84,8 +84,8 @@ void Determinant::pairs(double u, const ValuesRef& values, bool vectors, bool ow
       to.resize(0, std::max(to.cols(), count));
       return;
     }
-    const Eigen::Ref<const Matrix> columns = project({of, n, 2 * count}, projected_);
-    if (places.empty()) room_in(to, columns.rows(), count);
+    const Eigen::Map<Matrix> columns = project({of, n, 2 * count}, projected_);
+    if (to.rows() != columns.rows() || to.cols() < count) to.resize(columns.rows(), count);
     for (Index i = 0; i < count; ++i) {
       to.col(place(i)).real() = columns.col(i);
       to.col(place(i)).imag() = sign * columns.col(count + i);

@@ -108,7 +108,7 @@ class Determinant {
   virtual void evaluate(const Points& points, const PairsAsked& out) const = 0;
   /// Takes vectors in the coordinates of the kernel, (size, r), to elastic coordinates, in the
   /// memory of `to`.
-  virtual Eigen::Ref<Matrix> project(const Eigen::Map<Matrix>& x, Matrix& to) const = 0;
+  virtual Eigen::Map<Matrix> project(const Eigen::Map<Matrix>& x, Matrix& to) const = 0;
   /// Takes vectors in elastic coordinates, (dof, r), to the coordinates in which `times` knows
   /// products.
   virtual Matrix lifted(const Matrix& x) const = 0;
@@ -157,11 +157,12 @@ class ChainDeterminant : public Determinant {
   void evaluate(const Points& points, const PairsAsked& out) const override {
     motion_kernel().dynamic_stiffness->pairs(chain_->model(), points, out);
   }
-  Eigen::Ref<Matrix> project(const Eigen::Map<Matrix>& angles, Matrix& to) const override {
+  Eigen::Map<Matrix> project(const Eigen::Map<Matrix>& angles, Matrix& to) const override {
     auto found = room_in(to, angles.rows(), angles.cols());
     found = scale_.cwiseInverse().asDiagonal() * angles;
+    if (held() == 0) return found;
     complement_.project(found);
-    return found.bottomRows(complement_.dof());
+    return {found.bottomRows(complement_.dof()).data(), complement_.dof(), found.cols()};
   }
   Matrix lifted(const Matrix& x) const override {
     return scale_.asDiagonal() * complement_.lifted(x);
@@ -209,7 +210,7 @@ class PanelDeterminant : public Determinant {
   void evaluate(const Points& points, const PairsAsked& out) const override {
     motion_kernel().elimination->pairs(at(points.u).model, points, out);
   }
-  Eigen::Ref<Matrix> project(const Eigen::Map<Matrix>& x, Matrix& to) const override {
+  Eigen::Map<Matrix> project(const Eigen::Map<Matrix>& x, Matrix& to) const override {
     auto found = room_in(to, projection_.rows(), x.cols());
     found.noalias() = projection_ * x;
     return found;

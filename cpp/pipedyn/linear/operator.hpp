@@ -79,16 +79,16 @@ struct Modes {
   Reals squares, masses;  // omega^2 and x^T M x of each mode
 };
 
-/// The first entries of an array, or the first columns of a table, which grows where it has fewer.
+/// Room for an array or a table in the memory of another one, which grows where it has less.
 template <class Array>
 auto room_in(Array& of, Index size) {
   if (of.size() < size) of.resize(size);
   return of.head(size);
 }
 template <class Table>
-auto room_in(Table& of, Index rows, Index columns) {
-  if (of.rows() != rows || of.cols() < columns) of.resize(rows, columns);
-  return of.leftCols(columns);
+Eigen::Map<Table> room_in(Table& of, Index rows, Index columns) {
+  if (of.size() < rows * columns) of.resize(rows, columns);
+  return {of.data(), rows, columns};
 }
 
 using Columns = Eigen::Ref<ComplexTable>;

@@ -30,10 +30,11 @@ class Structured : public Eigenproblem {
   bool by_recursion(double u, Index count, bool vectors, Pairs& found) override;
   /// Roots as `by_recursion` gives them, from the known roots of the nearest speed.
   bool from_known(double u, Index count, bool vectors, Pairs& found);
-  /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over known roots, without those at
-  /// lambda itself.
-  Values log_derivatives(double u, const ValuesRef& at, const Values& known = {}) const {
-    return of_->log_derivatives(u, at, known);
+  /// Writes d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over known roots, without those
+  /// at lambda itself.
+  void log_derivatives(double u, const ValuesRef& at, const ValuesRef& known,
+                       Eigen::Ref<Values> found) const {
+    of_->log_derivatives(u, at, known, found);
   }
   /// Takes the roots of a nearly equal model as starts at a speed.
   void assume(double u, const Values& roots);

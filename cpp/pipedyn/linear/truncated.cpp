@@ -17,19 +17,24 @@ constexpr double near_by = 1e-3;
 
 }  // namespace
 
-void Truncated::sample(double u, Index count, Sample& at) {
-  fewer_->sample(u, count, at);
+void Truncated::sample(double u, Index roots, Sample& at) {
+  fewer_->sample(u, roots, at);
   // Three kinds of roots lie far from the axis: those of the lowest modes, of which the smaller
   // model misses little; those that damping holds near -1 / delta whatever their shape; and those
   // of the highest modes, which are not the pipe's.
   const auto is_far = [](Complex value) { return value.real() < -heavy_damping * std::abs(value); };
-  std::vector<Index> asked;  // only the upper of two conjugates is asked for
+  std::vector<Index>& asked = asked_;  // only the upper of two conjugates is asked for
+  asked.clear();
   for (Index i = 0; i < std::min(resolved_, at.size()); ++i) {
     const Complex value = at.values[i];
     const bool is_lower = value.imag() < 0.0;
     if (!is_lower && !is_far(value) && traits.counts(value)) asked.push_back(i);
   }
-  const Values missed = -more_->log_derivatives(u, at.values(asked), at.values).inverse();
+  const Index count = static_cast<Index>(asked.size());
+  auto places = room_in(at_, count), missed = room_in(missed_, count);
+  for (Index k = 0; k < count; ++k) places[k] = at.values[asked[k]];
+  more_->log_derivatives(u, places, at.values, missed);
+  missed = -missed.inverse();
   for (std::size_t k = 0; k < asked.size(); ++k) {
     const Index i = asked[k];
     const Complex value = at.values[i];
@@ -44,7 +49,7 @@ void Truncated::sample(double u, Index count, Sample& at) {
       alike_ = false;
     }
   }
-  this->count();
+  count_work();
 }
 
 Pair Truncated::refined(double u, const Pair& guess, bool vectors) {
@@ -61,7 +66,7 @@ std::optional<Sweep> Truncated::of_larger(Sweep sweep, double end, Index resolve
     expected += crossing.change;
   }
   const bool as_many = unstable(end, resolved) == expected;
-  count();
+  count_work();
   if (!as_many) return {};
   return sweep;
 }

@@ -30,7 +30,7 @@ class Truncated : public Spectrum {
         more_(std::move(more)),
         resolved_(2 * resolved) {}
 
-  void sample(double u, Index count, Sample& at) override;
+  void sample(double u, Index roots, Sample& at) override;
   Pair refined(double u, const Pair& guess, bool vectors) override;
   Reals quotients(double u, const Pairs& pairs) override { return fewer_->quotients(u, pairs); }
   Index standing() override { return fewer_->standing(); }
@@ -51,11 +51,14 @@ class Truncated : public Spectrum {
  private:
   std::optional<AxisCrossing> of_larger(const AxisCrossing& crossing);
   int unstable(double u, Index resolved);
-  void count() { factorised_ += fewer_->factorisations() + more_->factorisations(); }
+  void count_work() { factorised_ += fewer_->factorisations() + more_->factorisations(); }
 
   std::shared_ptr<Structured> fewer_, more_;
   Index resolved_;     // number of roots looked at
   bool alike_ = true;  // whether each root seen is on one side in both models
+  // Memory of a sample: which roots the larger model is asked for, and its answers.
+  std::vector<Index> asked_;
+  Values at_, missed_;
 };
 
 }  // namespace pipedyn
