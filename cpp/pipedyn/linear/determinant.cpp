@@ -72,13 +72,7 @@ void Determinant::pairs(double u, const ValuesRef& values, bool vectors, bool ow
            PairsAsked{part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
                       part(10), right, vectors ? left : nullptr, loaded});
   const auto place = [&](Index i) { return places.empty() ? i : places[i]; };
-  if (places.empty()) {
-    for (Reals* const of : {&found.residual, &found.uncertain}) room_in(*of, count);
-    for (Values* const of :
-         {&found.values, &found.slopes, &found.by_left, &found.by_right, &found.corrections}) {
-      room_in(*of, count);
-    }
-  }
+  if (places.empty()) found.make_room(count);
   const auto read_columns = [&](double* of, double sign, ComplexTable& to) {
     if (!vectors) {
       to.resize(0, std::max(to.cols(), count));

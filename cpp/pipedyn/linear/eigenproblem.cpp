@@ -222,6 +222,11 @@ Pair Pairs::pair(Index i) const {
   return {values[i], right.col(i), left.col(i), residual[i], uncertain[i], slopes[i], by_left[i]};
 }
 
+void Pairs::make_room(Index count) {
+  for (const auto of : complexes) room_in(this->*of, count);
+  for (Reals* const of : {&residual, &uncertain}) room_in(*of, count);
+}
+
 void Pairs::put(Index k, const Pairs& others, Index i) {
   for (const auto of : tables) {
     if ((others.*of).cols() > 0) (this->*of).col(k) = (others.*of).col(i);

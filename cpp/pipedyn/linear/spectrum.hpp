@@ -130,6 +130,8 @@ struct Pairs {
                              [](Complex z, double lost) { return has_converged(z, lost); });
   }
   Pair pair(Index i) const;
+  /// Lets the memory of all numbers of a root, without vectors, grow to that of so many roots.
+  void make_room(Index count);
   /// Replaces entry k by entry i of others, with all that is known of that.
   void put(Index k, const Pairs& others, Index i);
   /// Writes the entries `which` to others, whose memory serves again.

@@ -71,6 +71,8 @@ void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& foun
   const bool own = vectors || traits.conservative;  // else nothing reads by_right
   const auto place = [&](Index i) { return places.empty() ? i : places[i]; };
   of_->pairs(u, values, vectors, own, false, found, places);
+  Pairs& other = memory_.again;
+  other.make_room(values.size());  // no earlier sample may have asked again
   // A pivot may be 0 at a root: vectors are then computed this far beside it, and are off as much.
   for (const double aside : {0.0, 1e-12}) {
     std::vector<Index>& poor = memory_.poor;
@@ -88,7 +90,6 @@ void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& foun
     for (std::size_t k = 0; k < poor.size(); ++k) {
       again[k] = values[poor[k]] + aside * (1.0 + std::abs(values[poor[k]]));
     }
-    Pairs& other = memory_.again;
     of_->pairs(u, again, vectors, own, true, other);
     for (std::size_t k = 0; k < poor.size(); ++k) {
       const Index i = poor[k], to = place(i);

@@ -21,9 +21,9 @@ constexpr Index lanes = 2 * MotionKernel::shifts;
 /// Least and largest factor by which the step size changes.
 constexpr double shortest_next = 0.1, longest_next = 5.0;
 
-/// Largest relative tolerance. Steps with a looser one, which shrinks to this with its absolute one,
-/// shake modes whose positions change by less than that: reduced models of 4 to 10 functions took 4
-/// to 60 times as long at 1e-3 as at this, or ended in states that are not finite.
+/// Largest relative tolerance. Steps with a looser one, which shrinks to this with its absolute
+/// one, shake modes whose positions change by less than that: reduced models of 4 to 10 functions
+/// took 4 to 60 times as long at 1e-3 as at this, or ended in states that are not finite.
 constexpr double loosest = 2e-5;
 
 /// Newton's method stops when the remaining error is below this fraction of the tolerance, and
