@@ -18,8 +18,8 @@ LIMITS = {
     "modules in a folder": 17,
     "names with more than one meaning": 8,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 28358,
-    "lines of C++": 16951,
+    "lines of Python": 28363,
+    "lines of C++": 16954,
 }
 
 ROOT = Path(__file__).parents[1]

@@ -274,6 +274,7 @@ class _Run:
     latest: Stretch = field(init=False)  # last one of these
     direction: Array = field(init=False)  # in which the tip moves farthest in the record
     exponent: LyapunovExponent | None = None  # measured along the record
+    tried: float = math.inf  # distance to an earlier state when a cycle was last solved for
     sizes: Array = field(init=False)  # sizes of positions and rates, for the errors of steps
 
     def __post_init__(self) -> None:
@@ -411,7 +412,8 @@ class _Engine:
         """Solves for the equilibria and cycles that motions show, on which they may end.
 
         Before the transient is over a cycle is solved for from the motion that has come nearest to
-        an earlier state, if that is very near; afterwards from each, and from farther away.
+        an earlier state, if that is very near; afterwards from each, and from farther away. An
+        irregular motion from which none was found comes back twice as near before the next try.
         """
         late = self.elapsed > self.options.transient
         farthest = LATE_RECURRENCE if late else self.options.recurrence
@@ -425,6 +427,10 @@ class _Engine:
             tries = [run for run in own if run.latest.trend != "rest"]
             tries.sort(key=lambda run: run.record.recurrence[0])
             for run in tries if late else tries[:1]:
+                back = run.record.recurrence[0]
+                if run.latest.trend == "irregular" and back > 0.5 * run.tried:
+                    continue
+                run.tried = back if back <= farthest else run.tried
                 with suppress(NewtonFailed):
                     one = self.solved(run, farthest)
                     number = case.learn(one)
