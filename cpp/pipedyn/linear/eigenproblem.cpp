@@ -256,10 +256,10 @@ void Pairs::take(const std::vector<Index>& which, Pairs& to) const {
 
 const DenseOperator& Eigenproblem::at(double u) {
   if (u != latest_speed_) {
-    at_(u, dense_.latest);
+    at_(u, dense().latest);
     latest_speed_ = u;
   }
-  return dense_.latest;
+  return dense().latest;
 }
 
 void Eigenproblem::reuse(Spectrum& other) {
@@ -274,9 +274,9 @@ void Eigenproblem::lowest(double u, Index count, bool left, bool high, Pairs& fo
   count = std::min(count, 2 * traits.dof);
   bool any = false;
   for (const double shift : shifts) {
-    const Pairs& pairs = dense_.pairs;
+    const Pairs& pairs = dense().pairs;
     if (!about(u, shift, count, left)) continue;
-    mend(u, dense_.pairs, left, high);
+    mend(u, dense().pairs, left, high);
     bool good = true;
     for (Index i = 0; i < pairs.values.size(); ++i) good = good && is_good(pairs, i, high);
     if (!any || largest_residual_of(pairs) < largest_residual_of(found)) {
@@ -294,7 +294,7 @@ void Eigenproblem::lowest(double u, Index count, bool left, bool high, Pairs& fo
            ComplexTable::Zero(traits.dof, left ? count : 0), Reals::Constant(count, infinite)};
 }
 
-/// Finds the `count` lowest pairs by the inverse problem about a shift, in `dense_.pairs`; returns
+/// Finds the `count` lowest pairs by the inverse problem about a shift, in `dense().pairs`; returns
 /// false if that fails.
 bool Eigenproblem::about(double u, double shift, Index count, bool left) {
   const bool free = is_squared(u);
@@ -304,17 +304,17 @@ bool Eigenproblem::about(double u, double shift, Index count, bool left) {
   if (size == 0) return false;
   // Without a term in lambda, lambda^2 is real or one of a conjugate pair, and each vector serves
   // both signs of lambda.
-  Values& roots = dense_.roots;
+  Values& roots = dense().roots;
   roots.resize(free ? 2 * size : size);
   for (Index i = 0; i < size; ++i) {
     const Complex inverse = 1.0 / mu[i];
     roots[i] = free ? std::sqrt(shift * shift + inverse) : shift + inverse;
     if (free) roots[size + i] = -roots[i];
   }
-  std::vector<Index>& order = dense_.order;
+  std::vector<Index>& order = dense().order;
   order = by_size(roots, std::move(order));
   count = std::min(count, roots.size());
-  Pairs& pairs = dense_.pairs;
+  Pairs& pairs = dense().pairs;
   pairs.values.resize(count);
   pairs.right.resize(traits.dof, count);
   pairs.left.resize(traits.dof, left ? count : 0);
@@ -336,7 +336,7 @@ bool Eigenproblem::about(double u, double shift, Index count, bool left) {
 
 /// Refines the pairs that failed the check of their residual, one by one (conjugates together).
 void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
-  Values& before = dense_.before;
+  Values& before = dense().before;
   before = pairs.values;
   for (Index i = 0; i < before.size(); ++i) {
     const Complex value = before[i];
@@ -365,7 +365,7 @@ void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
 void Eigenproblem::find_residuals(double u, Pairs& pairs) {
   const DenseOperator& p = at(u);
   const Products products = p.multiply(pairs.right);
-  Row& row = dense_.refined.row;
+  Row& row = dense().refined.row;
   pairs.residual.resize(pairs.size());
   for (Index i = 0; i < pairs.size(); ++i) {
     row.set(products, i, pairs.values[i], p.size);
@@ -383,7 +383,7 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
   const Columns by_speed = p.by_speed(pairs.values, pairs.right);
   pairs.uncertain.resize(count);
   for (Values* const one : {&pairs.slopes, &pairs.by_left, &pairs.by_right}) one->resize(count);
-  Row& row = dense_.refined.row;
+  Row& row = dense().refined.row;
   for (Index i = 0; i < count; ++i) {
     const Complex value = pairs.values[i];
     row.set(products, i, value, p.size);
@@ -400,7 +400,7 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
 
 void Eigenproblem::rayleigh(double u, const RealsRef& frequencies, const ColumnsRef& vectors,
                             Rayleigh& found) {
-  find_forms(at(u), frequencies, vectors, dense_.work, found);
+  find_forms(at(u), frequencies, vectors, dense().work, found);
 }
 
 /// Replaces Re lambda by that of its energy balance where rounding hides a slow growth: for high
@@ -415,7 +415,7 @@ void Eigenproblem::rayleigh(double u, const RealsRef& frequencies, const Columns
 /// against it, while the rounding of lambda is eps |lambda|^2. The left vector obeys the same
 /// balance; the difference of the two results shows the error of the vectors.
 void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
-  std::vector<Index>& hidden = dense_.hidden;
+  std::vector<Index>& hidden = dense().hidden;
   hidden.clear();
   for (Index i = 0; i < pairs.values.size(); ++i) {
     const Complex value = pairs.values[i];
@@ -427,14 +427,14 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
   }
   if (hidden.empty()) return;
   const Index count = static_cast<Index>(hidden.size()), rows = pairs.right.rows();
-  auto omega = room_in(dense_.reals, count);
-  auto x = room_in(dense_.right, rows, count), y = room_in(dense_.left, rows, count);
+  auto omega = room_in(dense().reals, count);
+  auto x = room_in(dense().right, rows, count), y = room_in(dense().left, rows, count);
   for (Index k = 0; k < count; ++k) {
     omega[k] = pairs.values[hidden[k]].imag();
     x.col(k) = pairs.right.col(hidden[k]);
     y.col(k) = pairs.left.col(hidden[k]);
   }
-  auto& [right, left] = dense_.forms;
+  auto& [right, left] = dense().forms;
   rayleigh(u, omega, x, right);
   rayleigh(u, omega, y, left);
   for (Index k = 0; k < count; ++k) {
@@ -456,8 +456,8 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
 /// The larger of the rounding of the matrix and the error that the residual tells.
 void Eigenproblem::find_noise(Pairs& pairs) {
   noise_of_residuals(pairs);
-  rounding_about(pairs.values, shifts[0], true, dense_.reals);
-  pairs.noise = pairs.noise.max(dense_.reals);
+  rounding_about(pairs.values, shifts[0], true, dense().reals);
+  pairs.noise = pairs.noise.max(dense().reals);
 }
 
 /// Errors of roots by their residuals. They are limited to the square root of rounding, by which
@@ -479,8 +479,8 @@ void Eigenproblem::leave_axis(Pairs& pairs) {
   const Matrix none = Matrix::Zero(p.dof, p.dof);
   const DenseOperator by_flow(p.lapack, {p.mass(), p.velocity_rate(), none}, p.size,
                               {.entries = p.lost.entries});
-  Rayleigh& found = dense_.forms[0];
-  find_forms(by_flow, Reals::Ones(pairs.size()), pairs.right, dense_.work, found);
+  Rayleigh& found = dense().forms[0];
+  find_forms(by_flow, Reals::Ones(pairs.size()), pairs.right, dense().work, found);
   for (Index i = 0; i < pairs.size(); ++i) {
     if (pairs.values[i].imag() == 0.0) continue;
     pairs.slopes[i].real(-0.5 * found.dissipative[i] / found.mass[i]);
@@ -525,14 +525,14 @@ void Eigenproblem::sample(double u, Index count, Sample& pairs) {
 /// The root next to a guess, with vectors and residual.
 const Pair& Eigenproblem::near(double u, Complex value, const VectorRef& right) {
   int steps = 0;
-  const Pair& result = refine(at(u), value, right, dense_.refined, steps);
+  const Pair& result = refine(at(u), value, right, dense().refined, steps);
   factorised_ += steps;
   return result;
 }
 
 Pair Eigenproblem::refined(double u, const Pair& guess, bool) {
   const Pair& found = near(u, guess.value, guess.right);
-  Pairs& pairs = dense_.one;
+  Pairs& pairs = dense().one;
   pairs.values.setConstant(1, found.value);
   pairs.right = found.right;
   pairs.left = found.left;

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -113,6 +114,7 @@ class Eigenproblem : public Spectrum {
     Refinement refined;
   };
 
+  Memory& dense() { return dense_ ? *dense_ : *(dense_ = std::make_unique<Memory>()); }
   bool about(double u, double shift, Index count, bool left);
   void mend(double u, Pairs& pairs, bool left, bool high);
   void leave_axis(Pairs& pairs);
@@ -128,8 +130,8 @@ class Eigenproblem : public Spectrum {
   std::optional<Matrix> free_turns_;                   // computed when first asked for
   std::optional<std::optional<Modes>> modes_at_rest_;  // computed when first asked for
   static constexpr double no_speed = -1.0;
-  double latest_speed_ = no_speed;  // of `dense_.latest`
-  Memory dense_;
+  double latest_speed_ = no_speed;  // of `latest`
+  std::unique_ptr<Memory> dense_;   // made when first asked for
 };
 
 }  // namespace pipedyn
