@@ -360,7 +360,7 @@ def attractors(
     records = dict[int, Motion]()
     for k in {number for number, _ in case.ends.values() if number >= 0}:
         try:
-            records[k] = _recorded(model, drive, options, solutions[k])
+            records[k] = _motion_on(model, drive, options, solutions[k])
         except MotionStopped as stopped:
             seemed = f"after it seemed {solutions[k].attractor.ending}, {stopped}"
             error = _turned_end(model, flat, MotionStopped(seemed, stopped.motion), -azimuth)
@@ -571,7 +571,7 @@ def _share(ends: NDArray[np.int_], end: int) -> Share:
 # ---------------------------------------------------------------------------- motions on attractors
 
 
-def _recorded(model: Model, drive: Excitation, options: MotionOptions, one: Solution) -> Motion:
+def _motion_on(model: Model, drive: Excitation, options: MotionOptions, one: Solution) -> Motion:
     """A motion on a solution, from its end on; raises MotionStopped if it was only a transient."""
     end, period = one.attractor, one.period
     if end.ending == "rest":
