@@ -8,6 +8,7 @@ import pytest
 import scipy.integrate
 
 import pipedyn as pp
+from pipedyn.attraction import attractors
 
 STANDING = pp.Chain(pp.Pipe(0.2, -30.0), 2)
 """Upright, heavy: at u = 4.1 it leans to either side or flutters."""
@@ -490,6 +491,25 @@ def test_a_motion_that_winds_up_leaves_the_others_their_ends():
     assert found.ends.tolist() == [0, -2]
     (failure,) = found.failures
     assert isinstance(failure.error, pp.MotionStopped)
+
+
+def test_a_motion_that_stops_while_its_attractor_is_recorded_leaves_the_others(monkeypatch):
+    """Joints of chains in three dimensions folded after motions had been called chaotic."""
+    recorded = attractors.simulate
+
+    def stops(model, u, duration, *args, **options):
+        motion = recorded(model, u, duration, *args, **options)
+        if duration > 1.0:  # not at rest
+            raise pp.MotionStopped("the motion stopped at t = 1", motion)
+        return motion
+
+    monkeypatch.setattr(attractors, "simulate", stops)
+    starts = np.array([[0.0, 0.0], [0.3, 0.3]])
+    found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, starts)
+    assert found.ends.tolist() == [0, -2]
+    assert [basin.ending for basin in found.basins] == ["rest"]
+    (failure,) = found.failures
+    assert str(failure.error) == "after it seemed periodic, the motion stopped at t = 1"
 
 
 @pytest.mark.slow

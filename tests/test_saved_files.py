@@ -147,3 +147,12 @@ def test_a_name_is_that_of_one_class_alone():
     for taken in ("Pipe", *FORMER_NAMES):
         with pytest.raises(ValueError, match=f"name must be that of one class alone, got '{taken}"):
             archive.saved_as(taken)(KeyError)
+
+
+def test_a_module_can_be_imported_again_after_an_interrupt_cut_its_import_short(monkeypatch):
+    """Names of its first classes were taken, so that no later call found its functions."""
+    for registry in ("_BY_NAME", "_BY_CLASS"):
+        monkeypatch.setattr(archive, registry, getattr(archive, registry).copy())
+    again = type("NoHopf", (Exception,), {"__module__": pp.NoHopf.__module__})
+    archive.saved_as("NoHopf")(again)
+    assert archive._BY_NAME["NoHopf"].kind is again

@@ -353,6 +353,19 @@ def attractors(
     # Motions of a pipe that is driven in one plane are computed turned into the plane z = 0.
     flat, azimuth = drive.in_plane() if model.axisymmetric else (drive, 0.0)
     case = _case(model, flat, given, options, azimuth)
+    solutions = [
+        replace(one, attractor=_turned_end(model, drive, one.attractor, azimuth))
+        for one in case.solutions
+    ]
+    records = dict[int, Motion]()
+    for k in {number for number, _ in case.ends.values() if number >= 0}:
+        try:
+            records[k] = _motion_on(model, drive, options, solutions[k])
+        except MotionStopped as stopped:
+            seemed = f"after it seemed {solutions[k].attractor.ending}, {stopped}"
+            error = _turned_end(model, flat, MotionStopped(seemed, stopped.motion), -azimuth)
+            lost = (i for i, (number, _) in case.ends.items() if number == k)
+            case.ends |= dict.fromkeys(lost, (STOPPED, error))
     every = [case.ends[i] for i in range(len(given))]
     ends = np.array([number for number, _ in every])
     shares = [_share(ends, k) for k in range(len(case.solutions))]
@@ -363,9 +376,9 @@ def attractors(
     for k, one in zip(order, some, strict=True):
         images = (j for j, other in enumerate(some) if one.is_mirror_image(other, shifts))
         image = next(images, -1) if case.odd else -1
-        end = _turned_end(model, drive, one.attractor, azimuth)
-        one = replace(one, attractor=replace(end, start=first[k]))
-        basins.append(_basin(model, drive, options, one, shares[k], image))
+        end = replace(solutions[k].attractor, start=first[k])
+        one = replace(one, attractor=end)
+        basins.append(_basin(model, drive, one, records[k], shares[k], image))
     places = np.append(np.zeros(len(shares), dtype=int), [STOPPED, NOWHERE])
     places[order] = np.arange(len(order))
     all_ends = [_turned_end(model, drive, end, azimuth) for _, end in every]
@@ -558,20 +571,12 @@ def _share(ends: NDArray[np.int_], end: int) -> Share:
 # ---------------------------------------------------------------------------- motions on attractors
 
 
-def _basin(
-    model: Model,
-    drive: Excitation,
-    options: MotionOptions,
-    one: Solution,
-    share: Share,
-    image: int,
-) -> Basin:
-    """The basin of a solution, with a recorded motion on it and the quantities measured on that."""
+def _motion_on(model: Model, drive: Excitation, options: MotionOptions, one: Solution) -> Motion:
+    """A motion on a solution, from its end on; raises MotionStopped if it was only a transient."""
     end, period = one.attractor, one.period
-    ending, repeats = end.ending, not math.isnan(period)
-    if ending == "rest":
+    if end.ending == "rest":
         duration, samples = 1.0, 101
-    elif not repeats:
+    elif math.isnan(period):
         duration = drive.whole(RECORD_FACTOR * options.duration)
         samples = math.ceil(duration * SAMPLES_A_TIME) + 1
     elif drive.period:
@@ -581,7 +586,7 @@ def _basin(
         duration = RECORDED_PERIODS * period
         samples = RECORDED_PERIODS * SAMPLES_A_MAXIMUM * end.period + 1
     q, qdot = (part[0] for part in model.to_user(*(y[None] for y in np.split(end.end, 2))))
-    motion = simulate(
+    return simulate(
         *(model, drive.u, duration, q, qdot),
         samples=min(samples, MOST_SAMPLES + 1),
         base=drive.base,
@@ -589,7 +594,15 @@ def _basin(
         rtol=RECORD_TOLERANCE,
         dense=True,
     )
-    amplitude, points = 0.0, np.empty((0, 2 * q.size))
+
+
+def _basin(
+    model: Model, drive: Excitation, one: Solution, motion: Motion, share: Share, image: int
+) -> Basin:
+    """The basin of a solution, with the quantities measured on a recorded motion on it."""
+    end, period = one.attractor, one.period
+    ending, repeats, duration = end.ending, not math.isnan(period), float(motion.t[-1])
+    amplitude, points = 0.0, np.empty((0, 2 * model.coordinates))
     frequencies = spectrum = np.zeros(0)
     direction = farthest_direction(motion.tip)
     x = motion.tip @ direction

@@ -616,9 +616,12 @@ class _Engine:
             why = ""
             # Differences that grow in proportion to the time, as between motions on a torus that go
             # round or turn about the axis at different rates, pretend to this exponent.
-            shear = 0.0
+            shear = largest = 0.0
             if isinstance(exponent, LyapunovExponent):
                 shear = math.log(exponent.duration) / exponent.duration
+                # Rates of turning about the axis differ by little, with hardly any spread.
+                turns = run.case.motion.axisymmetric
+                largest = shear if turns else min(exponent.spread, shear)
             if isinstance(exponent, MotionStopped):
                 why = f"its largest Lyapunov exponent is not known: {exponent}"
                 exponent = None
@@ -628,7 +631,7 @@ class _Engine:
                 ending = "irregular"
             elif exponent.chaotic and exponent.value > shear * run.case.motion.axisymmetric:
                 ending = "chaotic"
-            elif exponent.value <= min(exponent.spread, shear) and run.record.averages_converge():
+            elif exponent.value <= largest and run.record.averages_converge():
                 ending = "quasi-periodic"
             elif part + 1 < RECORD_PARTS:
                 doubtful.append(run)

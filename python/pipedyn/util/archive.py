@@ -117,7 +117,10 @@ def saved_as(
     """
 
     def registered(kind: Kind) -> Kind:
-        if name in _BY_NAME or name in FORMER_NAMES:
+        of = _BY_NAME[name].kind if name in _BY_NAME else kind
+        # An import that was interrupted runs a module again, with the same classes.
+        same_place = (of.__module__, of.__qualname__) == (kind.__module__, kind.__qualname__)
+        if not same_place or name in FORMER_NAMES:
             raise ValueError(f"name must be that of one class alone, got {name!r} once more")
         _BY_NAME[name] = _BY_CLASS[kind] = _Entry(kind, name, former or {}, added)
         return kind
