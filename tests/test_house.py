@@ -18,7 +18,7 @@ LIMITS = {
     "modules in a folder": 17,
     "names with more than one meaning": 8,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 28363,
+    "lines of Python": 28377,
     "lines of C++": 16954,
 }
 

@@ -412,8 +412,8 @@ class _Engine:
         """Solves for the equilibria and cycles that motions show, on which they may end.
 
         Before the transient is over a cycle is solved for from the motion that has come nearest to
-        an earlier state, if that is very near; afterwards from each, and from farther away. An
-        irregular motion from which none was found comes back twice as near before the next try.
+        an earlier state, if that is very near; afterwards from each, and from farther away. After
+        a try, an irregular motion must come back twice as near before the next one.
         """
         late = self.elapsed > self.options.transient
         farthest = LATE_RECURRENCE if late else self.options.recurrence
@@ -546,7 +546,7 @@ class _Engine:
         """
         case, drive = run.case, run.case.drive
         rests = run.latest.trend == "rest"
-        period = 0.0 if rests else run.record.period
+        period = 0.0 if rests else run.latest.period or run.record.period
         if not rests and not period:
             return False
         number = case.number_at(run.state, period)
