@@ -111,8 +111,9 @@ UNTIL_SETTLED = 10.0
 exponent is measured: along the record of a motion, unless that is too short."""
 
 RECORD_PARTS = 4
-"""Largest number of times that a motion is recorded on over that time and its exponent measured on,
-until the exponent or averages over the record show what the motion is."""
+"""Largest number of parts, each of `RECORD_FACTOR` durations, in which an irregular motion is
+recorded and its exponent measured, until the exponent or averages over the record show what it
+is."""
 
 TORUS_TOLERANCE = 1e-8
 """Largest relative tolerance of these records, whose averages may converge to that."""
@@ -270,8 +271,8 @@ class _Run:
     approach: Approach = field(default_factory=Approach)  # approach to a known solution
     leader: _Run | None = None  # motion that it joined
     join_time: float = math.inf  # time from which it goes on as that motion, if it ever does
-    record: Stretch = field(init=False)  # last stretches that belong together
-    latest: Stretch = field(init=False)  # last one of these
+    record: Stretch = field(init=False)  # all parts of the last record, joined
+    latest: Stretch = field(init=False)  # its last part
     direction: Array = field(init=False)  # in which the tip moves farthest in the record
     exponent: LyapunovExponent | None = None  # measured along the record
     tried: float = math.inf  # distance to an earlier state when a cycle was last solved for
@@ -382,21 +383,19 @@ class _Engine:
         q, qdot = self.model.to_user(*np.split(rows, 2, axis=1))
         tips, velocities = self.model.tips(q.T), self.model.tip_velocities(q.T, qdot.T)
         for k, i in enumerate(going):
-            part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
-            runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
-            turns = runs[i].case.motion.axisymmetric
-            given = max(self.options.rtol, rtol), drive.period, turns
-            seen = turns, rows[part], tips[part], velocities[part]
+            run, part, last = runs[i], slice(k * count, (k + 1) * count), (k + 1) * count - 1
+            run.state = self.model.from_user(q[last, None], qdot[last, None])[0]
+            sampled = samples - before, rows[part], tips[part], velocities[part]
+            given = run.case, max(self.options.rtol, rtol), *sampled
             farthest = farthest_direction(tips[part][count // 2 :])
-            runs[i].direction = runs[i].direction if on else farthest
-            # The plane of a motion may turn: along the direction of its record it may seem to rest.
-            runs[i].latest, added = (
-                Stretch(samples - before, *_seen_across(self.model, direction, *seen), *given)
-                for direction in (farthest, runs[i].direction)
-            )
-            runs[i].record = runs[i].record.joined(added) if on else added
-            latest = runs[i].latest
-            runs[i].set_sizes(float(np.ptp(latest.x)), float(np.abs(latest.velocity).max()))
+            run.latest = _seen_along(farthest, *given)
+            if on:
+                # The plane of a motion may turn: along its record's direction it may seem to rest.
+                run.record = run.record.joined(_seen_along(run.direction, *given))
+            else:
+                run.record, run.direction = run.latest, farthest
+            extent, fastest = np.ptp(run.latest.x), np.abs(run.latest.velocity).max()
+            run.set_sizes(float(extent), float(fastest))
         return [runs[i] for i in going]
 
     def error(self, run: _Run, task: Task, outcome: Outcome) -> MotionStopped:
@@ -616,11 +615,10 @@ class _Engine:
             why = ""
             # Differences that grow in proportion to the time, as between motions on a torus that go
             # round or turn about the axis at different rates, pretend to this exponent.
-            shear = largest = 0.0
+            turns, shear, largest = run.case.motion.axisymmetric, 0.0, 0.0
             if isinstance(exponent, LyapunovExponent):
                 shear = math.log(exponent.duration) / exponent.duration
                 # Rates of turning about the axis differ by little, with hardly any spread.
-                turns = run.case.motion.axisymmetric
                 largest = shear if turns else min(exponent.spread, shear)
             if isinstance(exponent, MotionStopped):
                 why = f"its largest Lyapunov exponent is not known: {exponent}"
@@ -629,7 +627,7 @@ class _Engine:
                 why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
             elif exponent is None:
                 ending = "irregular"
-            elif exponent.chaotic and exponent.value > shear * run.case.motion.axisymmetric:
+            elif exponent.chaotic and exponent.value > shear * turns:
                 ending = "chaotic"
             elif exponent.value <= largest and run.record.averages_converge():
                 ending = "quasi-periodic"
@@ -651,17 +649,18 @@ class _Engine:
         return doubtful
 
 
-def _seen_across(
-    model: Model, direction: Array, turns: bool, states: Array, tips: Array, velocities: Array
-) -> tuple[Array, Array, Array]:
-    """States, (S, 2 integrated), positions and velocities of the tip in a direction, (S,) each.
+def _seen_along(
+    direction: Array, case: Case, rtol: float, t: Array, states: Array, tips: Array, rates: Array
+) -> Stretch:
+    """A stretch of a motion, with positions and rates of the free end in a direction.
 
-    If a turn about the axis changes nothing (`turns`), states are turned so that it is x.
+    If a turn about the axis changes nothing, states are turned so that the direction is x.
     """
-    if isinstance(model, SpatialModel) and turns:
+    turns = case.motion.axisymmetric
+    if isinstance(case.model, SpatialModel) and turns:
         angle = math.atan2(direction[2], direction[0])
-        states = np.ascontiguousarray(model.turned(states.T, -angle).T)
-    return states, tips @ direction, velocities @ direction
+        states = np.ascontiguousarray(case.model.turned(states.T, -angle).T)
+    return Stretch(t, states, tips @ direction, rates @ direction, rtol, case.drive.period, turns)
 
 
 def _in_case(task: ApproachTask, case: Case, length: float) -> ApproachTask:
