@@ -18,7 +18,8 @@ namespace pipedyn {
 
 /// How far rounding may have moved each of the eigenvalues of one matrix. Where residuals are known
 /// (`assessed`), they tell better what cancellation leaves of small eigenvalues, and whether two of
-/// these are a double zero; both effects are then left out here. It is written to `found`.
+/// these are a double zero; both effects are then left out here. The results are written to
+/// `found`.
 void rounding_about(const Values& values, double shift, bool assessed, Reals& found);
 
 }  // namespace pipedyn

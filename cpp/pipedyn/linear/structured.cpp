@@ -72,7 +72,7 @@ void Structured::at(double u, const ValuesRef& values, bool vectors, Pairs& foun
   const auto place = [&](Index i) { return places.empty() ? i : places[i]; };
   of_->pairs(u, values, vectors, own, false, found, places);
   Pairs& other = memory_.again;
-  other.make_room(values.size());  // no earlier sample may have asked again
+  other.make_room(values.size());  // not only in the sample that first needs it
   // A pivot may be 0 at a root: vectors are then computed this far beside it, and are off as much.
   for (const double aside : {0.0, 1e-12}) {
     std::vector<Index>& poor = memory_.poor;

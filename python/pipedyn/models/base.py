@@ -154,6 +154,7 @@ def projected(operators: Operators, basis: Array) -> Operators:
     for name, of in found.items():
         if isinstance(of, np.ndarray):
             found[name] = basis.T @ of @ basis
+    # Rounding would leave it not quite skew.
     found["gyroscopic"] = 0.5 * (found["gyroscopic"] - found["gyroscopic"].T)
     return Operators(**found)
 

@@ -73,8 +73,6 @@ class Pencil:
         raise NotImplementedError
 
     def _times(self, x: Vectors, part: str) -> Vectors:
-        if x.dtype == np.float64:
-            return self._product(np.ascontiguousarray(x), part)
         return real_columns(lambda z: self._product(z, part), x)
 
     # Partial methods, since partial functions of self would be a cycle for the garbage collector.
@@ -184,8 +182,7 @@ class DensePencil(Pencil):
 
 
 def real_columns(product: Product, x: Vectors) -> Vectors:
-    """A real product with complex columns, applied to their real and imaginary parts."""
-    kind = np.complex128 if np.iscomplexobj(x) else np.float64
-    columns = np.ascontiguousarray(x, dtype=kind)
+    """A product with real columns, applied to the real and imaginary parts of complex ones."""
+    columns = np.ascontiguousarray(x, dtype=np.complex128 if x.dtype.kind == "c" else np.float64)
     result: Vectors = product(columns.view(np.float64)).view(columns.dtype)
     return result

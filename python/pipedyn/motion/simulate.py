@@ -314,8 +314,8 @@ def simulate(
             and coordinates are relative to it. Springs, dampers and the fluid around the pipe
             belong to the ground. If not given, the base is at rest.
         force: a `Force` of your own, at one place or all along the pipe, or a list of them.
-        rtol: relative tolerance of the error of each step, in [1e-13, 0.1]. Steps of "radau" are
-            the cheapest at 2e-5, which replaces looser ones.
+        rtol: relative tolerance of the error of each step, in [1e-13, 0.1]. "radau" is
+            cheapest at 2e-5, and replaces looser tolerances by that.
         atol: absolute tolerance, > 0; rtol / 100 if not given.
         method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, eight
             stages, order 15) or "dop853" (explicit, order 8), both in the core; or a method of
